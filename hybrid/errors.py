@@ -1,0 +1,65 @@
+"""Mistakes a user can make, said in one line with the place and what would be valid.
+
+Stage 0: imports nothing of the project. The command line turns every `HybridError` into one line
+and exit code 2; nothing else may reach a user as a traceback.
+"""
+
+from __future__ import annotations
+
+import difflib
+from collections.abc import Iterable
+from dataclasses import dataclass
+
+LONGEST_QUOTE = 60
+
+
+@dataclass(frozen=True, slots=True)
+class Place:
+    """Where in a patch file something stands: file name and line (1-based, 0 when unknown)."""
+
+    file: str = ""
+    line: int = 0
+
+    def __str__(self) -> str:
+        if self.file and self.line:
+            return f"{self.file}:{self.line}"
+        return self.file
+
+
+NOWHERE = Place()
+
+
+class HybridError(Exception):
+    """Base of every error that is the user's to mend; its text is one line."""
+
+
+class PatchError(HybridError):
+    """A patch is wrong: `place: what is wrong; what would be valid`."""
+
+    def __init__(self, message: str, place: Place = NOWHERE) -> None:
+        """Args: message (one line), place (shown before it where known)."""
+        self.message = message
+        self.place = place
+        super().__init__(f"{place}: {message}" if str(place) else message)
+
+
+class RunError(HybridError):
+    """A valid patch cannot be run or measured as asked."""
+
+
+def did_you_mean(name: str, valid: Iterable[str]) -> str:
+    """Say what would have been valid: the nearest names first, else all (at most twelve)."""
+    known = sorted(valid)
+    near = difflib.get_close_matches(name, known, n=3, cutoff=0.6)
+    if near:
+        return "did you mean " + " or ".join(repr(n) for n in near) + "?"
+    if not known:
+        return "there are none to choose from"
+    shown = ", ".join(known[:12]) + (", ..." if len(known) > 12 else "")
+    return f"valid: {shown}"
+
+
+def quoted(text: str) -> str:
+    """Text of a user's for a one-line message: quoted, control characters escaped, cut where long."""
+    shown = text if len(text) <= LONGEST_QUOTE else text[: LONGEST_QUOTE - 3] + "..."
+    return repr(shown)

@@ -1,0 +1,70 @@
+"""Order and loops in a graph of names. Stage 0."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+
+def find_loop(needs: Mapping[str, list[str]]) -> tuple[str, ...]:
+    """First cycle in a graph name -> names it depends on (sorted order), or ()."""
+    done: set[str] = set()
+    for root in sorted(needs):
+        path: dict[str, None] = {}  # in order, and quick to ask
+        stack: list[tuple[str, int]] = [(root, 0)]
+        while stack:
+            name, at = stack.pop()
+            if at == 0:
+                if name in done:
+                    continue
+                if name in path:
+                    names = list(path)
+                    return tuple(names[names.index(name) :])
+                path[name] = None
+            successors = [n for n in needs.get(name, ()) if n in needs]
+            if at < len(successors):
+                stack.append((name, at + 1))
+                stack.append((successors[at], 0))
+            else:
+                done.add(name)
+                path.popitem()
+    return ()
+
+
+def dependency_order(needs: Mapping[str, list[str]]) -> tuple[str, ...]:
+    """Names so that each follows all it depends on; ties by name. The graph has no loop."""
+    waiting = {name: {n for n in needs[name] if n in needs} for name in needs}
+    feeds: dict[str, list[str]] = {name: [] for name in needs}
+    for name, open_needs in waiting.items():
+        for need in open_needs:
+            feeds[need].append(name)
+    order: list[str] = []
+    ready = sorted(name for name, open_needs in waiting.items() if not open_needs)
+    while ready:
+        order.extend(ready)
+        freed = []
+        for name in ready:
+            for follower in feeds[name]:
+                waiting[follower].discard(name)
+                if not waiting[follower]:
+                    freed.append(follower)
+        ready = sorted(freed)
+    return tuple(order)
+
+
+def simple_loops(follows: Mapping[str, list[str]], most: int = 100) -> list[tuple[str, ...]]:
+    """Loops that pass no name twice, each once, starting at its first name; at most `most`.
+
+    `follows` maps a name to those it feeds.
+    """
+    found: list[tuple[str, ...]] = []
+    for root in sorted(follows):
+        # Names before the root have had their turn, so every loop is found at its first name only.
+        stack: list[tuple[str, tuple[str, ...]]] = [(root, (root,))]
+        while stack and len(found) < most:
+            name, path = stack.pop()
+            for target in sorted(follows.get(name, ()), reverse=True):
+                if target == root:
+                    found.append(path)
+                elif target > root and target not in path and target in follows:
+                    stack.append((target, (*path, target)))
+    return found

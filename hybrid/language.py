@@ -1,0 +1,200 @@
+"""The words of the patch language: every key, what it holds, its unit and its meaning.
+
+One definition serves three readers: `patchfile` validates by it, `schema` generates the JSON Schema
+and the reference table from it, and messages list the valid alternatives from it.
+Stage 1: imports nothing of the project.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from enum import Enum
+
+
+class Holds(Enum):
+    """What the value of a key may be."""
+
+    QUANTITY = "quantity"  # number, "1 ms" or arithmetic over parameters
+    INTEGER = "integer"
+    TEXT = "text"
+    SIGNAL = "signal"  # the name of one signal
+    TERMS = "terms"  # {signal: coefficient, ...}
+    SIGNALS = "signals"  # [name, ...]
+
+
+class Unit(Enum):
+    """Which physical dimension a quantity must have."""
+
+    OWN = "that of full_scale"
+    PURE = "none"
+    TIME = "time, such as 1 ms"
+    RATE = "1/time, such as 3 1/s or 10 rad/s"
+    ANY = "any"
+
+
+class Bound(Enum):
+    """Which values a quantity may take."""
+
+    ANY = "any finite value"
+    POSITIVE = "greater than zero"
+    NOT_NEGATIVE = "zero or greater"
+
+
+@dataclass(frozen=True, slots=True)
+class Key:
+    """One word of the language."""
+
+    name: str
+    holds: Holds
+    doc: str
+    unit: Unit = Unit.PURE
+    bound: Bound = Bound.ANY
+    required: bool = False
+    default: str = ""  # in words, for the reference; '' = none
+
+
+FULL_SCALE = Key(
+    "full_scale",
+    Holds.QUANTITY,
+    "largest magnitude the signal may take; equals one machine unit and gives the signal its unit",
+    Unit.ANY,
+    Bound.POSITIVE,
+    required=True,
+)
+
+UNIT = Key("unit", Holds.TEXT, "unit the signal is shown in", default="that of full_scale")
+
+# The separate errors of a component; each defaults to the machine preset's figure.
+ERROR_KEYS = (
+    Key("tau", Holds.QUANTITY, "first-order lag of the output", Unit.TIME, Bound.NOT_NEGATIVE),
+    Key(
+        "tolerance",
+        Holds.QUANTITY,
+        "limit of the gain error, a fraction; the error is drawn once per machine serial number",
+        Unit.PURE,
+        Bound.NOT_NEGATIVE,
+    ),
+    Key("offset", Holds.QUANTITY, "constant error, a fraction of full scale", Unit.PURE),
+    Key(
+        "noise",
+        Holds.QUANTITY,
+        "rms noise, a fraction of full scale, of bandwidth 1/tau",
+        Unit.PURE,
+        Bound.NOT_NEGATIVE,
+    ),
+)
+
+ADC_KEYS = (
+    Key("adc", Holds.SIGNAL, "the analog signal that is sampled and held", required=True),
+    Key("bits", Holds.INTEGER, "word length, sign included, 2 to 32", default="no quantisation"),
+    Key(
+        "range",
+        Holds.QUANTITY,
+        "largest magnitude converted",
+        Unit.OWN,
+        Bound.POSITIVE,
+        default="full scale of the signal",
+    ),
+    Key(
+        "conversion_time",
+        Holds.QUANTITY,
+        "from the sample to the word",
+        Unit.TIME,
+        Bound.NOT_NEGATIVE,
+        default="0 s",
+    ),
+    Key(
+        "channel",
+        Holds.INTEGER,
+        "multiplexer channel: channel n is sampled n times the skew after the cycle starts",
+        default="0",
+    ),
+)
+
+DAC_KEYS = (
+    Key("dac", Holds.SIGNAL, "the program word that is converted and held", required=True),
+    Key("bits", Holds.INTEGER, "word length, sign included, 2 to 32", default="no quantisation"),
+    FULL_SCALE,
+    UNIT,
+    Key("initial", Holds.QUANTITY, "output before the first result", Unit.OWN, required=True),
+)
+
+DIGITAL_KEYS = (
+    Key(
+        "period",
+        Holds.QUANTITY,
+        "the cycle time T: one cycle starts every period",
+        Unit.TIME,
+        Bound.POSITIVE,
+        required=True,
+    ),
+    Key(
+        "compute_time",
+        Holds.QUANTITY,
+        "from the last conversion of a cycle to its results at the DACs",
+        Unit.TIME,
+        Bound.NOT_NEGATIVE,
+        default="one period",
+    ),
+    Key(
+        "skew",
+        Holds.QUANTITY,
+        "time between neighbouring multiplexer channels (0: all sample at once)",
+        Unit.TIME,
+        Bound.NOT_NEGATIVE,
+        default="0 s",
+    ),
+    Key("remember", Holds.TERMS, "first values of the words read with previous(word)"),
+    Key("program", Holds.TERMS, "assignments, word: arithmetic", required=True),
+)
+
+RUN_KEYS = (
+    Key("until", Holds.QUANTITY, "end of the run", Unit.TIME, Bound.POSITIVE, required=True),
+    Key(
+        "every",
+        Holds.QUANTITY,
+        "time between rows of the record",
+        Unit.TIME,
+        Bound.POSITIVE,
+        default="one period; needed where there is no digital part",
+    ),
+    Key(
+        "max_rows",
+        Holds.INTEGER,
+        "most rows kept; a longer run keeps every n-th row and says so",
+        default="1000000",
+    ),
+)
+
+MACHINE_KEYS = (
+    Key("preset", Holds.TEXT, "a machine by name", default="nominal"),
+    Key("serial", Holds.INTEGER, "serial number: which machine of the make", default="1"),
+    *ERROR_KEYS,
+)
+
+TOP_KEYS = (
+    Key("title", Holds.TEXT, "one line", required=True),
+    Key("description", Holds.TEXT, "what the patch is about, where its figures come from"),
+    Key("machine", Holds.TEXT, "preset name, or a mapping of the machine's keys"),
+    Key("parameters", Holds.TERMS, "name: quantity; may be set from the command line"),
+    Key("analog", Holds.TERMS, "signal: component"),
+    Key("interface", Holds.TERMS, "signal: adc or dac"),
+    Key("digital", Holds.TERMS, "the digital machine"),
+    Key("run", Holds.TERMS, "length and record of the run", required=True),
+    Key("record", Holds.SIGNALS, "signals kept", default="all"),
+    Key("readouts", Holds.TERMS, "name: {quantity: signal}"),
+)
+
+READOUT_KINDS = {
+    "transient": "omega, omega_damped, zeta of the signal's dominant mode",
+    "final": "last value",
+    "maximum": "largest value and its time",
+    "minimum": "smallest value and its time",
+    "rms": "root of the mean square",
+    "mean": "mean value",
+}
+
+READOUT_KEYS = (
+    Key("from", Holds.QUANTITY, "start of the part that is read", Unit.TIME, Bound.NOT_NEGATIVE),
+    Key("until", Holds.QUANTITY, "end of the part that is read", Unit.TIME, Bound.POSITIVE),
+)

@@ -1,0 +1,23 @@
+"""Time as an exact integer, at one place.
+
+Stage 0. One tick is a femtosecond; event k of a periodic task is at k times its period in ticks, so
+no instant is ever an accumulated float. A duration is rounded to 15 significant digits first: that
+removes the last-digit noise of arithmetic such as 3 * (T / 3), which must equal T.
+"""
+
+from __future__ import annotations
+
+from decimal import ROUND_HALF_EVEN, Decimal
+
+TICKS_PER_SECOND = 10**15
+
+
+def to_ticks(duration_s: float) -> int:
+    """Duration in s -> whole ticks (Python int, unbounded)."""
+    exact = Decimal(f"{duration_s:.15g}") * TICKS_PER_SECOND
+    return int(exact.to_integral_value(rounding=ROUND_HALF_EVEN))
+
+
+def to_seconds(ticks: int) -> float:
+    """Ticks -> the float nearest to the exact time in s."""
+    return ticks / TICKS_PER_SECOND
