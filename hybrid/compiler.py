@@ -1,0 +1,236 @@
+"""Patch -> Machine: bind parameters, scale to machine units, lay out states, reject what cannot work.
+
+Stage 3. `layout` makes the analog side, `tape` the program; here are the machine's own errors, the
+converters and the timing.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+from hybrid.errors import PatchError, RunError, did_you_mean, quoted
+from hybrid.layout import build_analog
+from hybrid.machine import Analog, Holder, Machine, OutputStage, Sampler, Timing
+from hybrid.machines import PRESETS, Preset
+from hybrid.patch import Adc, Component, Dac, Patch, Value
+from hybrid.scale import TICKS_PER_SECOND, to_ticks
+from hybrid.streams import unit_error
+from hybrid.tape import build_tape
+
+# A run of more cycles than this would take hours; it is refused before anything is computed.
+MOST_CYCLES = 10**11
+# A pipeline deeper than this is a slip of the pen, not a design.
+DEEPEST_PIPELINE = 1000
+# 30 million years; no duration may be longer.
+LONGEST_S = 1e15
+# Numbers in the record, 0.8 GB.
+MOST_RECORDED = 10**8
+LARGEST_SERIAL = 2**63 - 1
+# An ADC's range, as a fraction of its signal's full scale, or the inverse of it.
+SMALLEST_RANGE = 1e-12
+
+
+def compile_patch(
+    patch: Patch,
+    overrides: Mapping[str, float] | None = None,
+    machine: str | None = None,
+    serial: int | None = None,
+) -> Machine:
+    """Compile for parameter values `overrides` (SI) on the machine preset named `machine`.
+
+    Args: machine and serial replace what the patch asks for. Raises PatchError for whatever is wrong
+    with the patch, RunError for an unknown preset.
+    """
+    scope = patch.bind(overrides)
+    preset = find_preset(patch, machine)
+    serial = patch.machine.serial if serial is None else serial
+    if not 0 <= serial <= LARGEST_SERIAL:
+        raise RunError(f"serial is {serial}; it must be a whole number from 0 to 2^63 - 1")
+    common = {} if machine else patch.machine.errors
+    stages = {
+        part.name: _output_stage(part, preset, common, serial, scope) for part in patch.analog_parts
+    }
+    analog, steps = build_analog(patch, scope, stages)
+    adcs = sorted(patch.adcs, key=lambda adc: adc.name)
+    dacs = sorted(patch.dacs, key=lambda dac: dac.name)
+    tape = build_tape(patch.program, tuple(adc.name for adc in adcs), scope)
+    scales = dict(zip(analog.signals, analog.full_scale.tolist(), strict=True))
+    return Machine(
+        patch,
+        preset.name,
+        serial,
+        scope,
+        dict(overrides or {}),
+        stages,
+        analog,
+        tuple(_sampler(a, patch, analog, scales, preset, scope) for a in adcs),
+        tuple(_holder(d, analog, tape.words, scales, preset) for d in dacs),
+        steps,
+        tape,
+        _timing(patch, scope),
+    )
+
+
+def find_preset(patch: Patch, machine: str | None) -> Preset:
+    """The preset named by the caller or the patch; raises RunError or PatchError."""
+    name = machine or patch.machine.preset
+    if name not in PRESETS:
+        message = f"unknown machine {quoted(name)}; {did_you_mean(name, PRESETS)}"
+        raise RunError(message) if machine else PatchError(message, patch.machine.place)
+    return PRESETS[name]
+
+
+def _output_stage(
+    part: Component | Dac,
+    preset: Preset,
+    common: Mapping[str, Value],
+    serial: int,
+    scope: Mapping[str, float],
+) -> OutputStage:
+    def figure(key: str) -> float:
+        value = part.errors.get(key) or common.get(key)
+        return _error_figure(key, value, scope) if value else preset.figure(key)
+
+    tau, noise = figure("tau"), figure("noise")
+    if noise > 0 and tau == 0:
+        raise PatchError(
+            f"{part.name!r} has noise {noise:g} but no lag, and noise without a lag has no "
+            "bandwidth; set its noise to 0 or its tau above 0",
+            part.place,
+        )
+    gain = 1.0 + figure("tolerance") * unit_error(serial, part.name, "gain")
+    if noise == 0 and isinstance(part, Component) and part.kind == "constant":
+        tau = 0.0  # settled before the run and never moves again: its lag would cost and do nothing
+    return OutputStage(tau, gain, figure("offset"), noise)
+
+
+def _error_figure(key: str, value: Value, scope: Mapping[str, float]) -> float:
+    """One of tau, tolerance, offset, noise as given, within what makes sense."""
+    found = value.number(scope)
+    if key == "tau" and 0.0 < found < 1.0 / TICKS_PER_SECOND:
+        raise PatchError(
+            f"{value.what} is {found:g} s, below a femtosecond, the resolution of time; "
+            "give 0 for no lag",
+            value.place,
+        )
+    if key != "tau" and abs(found) > 1.0:
+        raise PatchError(
+            f"{value.what} is {found:g}; it is a fraction of full scale, so at most 1 (0.01 % is 1e-4)",
+            value.place,
+        )
+    return found
+
+
+def _step_mu(bits: int | None, range_mu: float, preset: Preset) -> float:
+    """One code of a symmetric converter, codes -(2^(b-1) - 1) to 2^(b-1) - 1, so that zero is a code
+    and every value within the range is converted to half a step."""
+    if bits is None or preset.converters_exact:
+        return 0.0
+    return range_mu / ((1 << (bits - 1)) - 1)
+
+
+def _sampler(
+    adc: Adc,
+    patch: Patch,
+    analog: Analog,
+    scales: Mapping[str, float],
+    preset: Preset,
+    scope: Mapping[str, float],
+) -> Sampler:
+    assert patch.program is not None
+    full_scale = scales[adc.source]
+    range_mu = adc.range.number(scope) / full_scale if adc.range else 1.0
+    if adc.range and not SMALLEST_RANGE <= range_mu <= 1.0 / SMALLEST_RANGE:
+        raise PatchError(
+            f"{adc.range.what} is {range_mu:.3g} times the full scale of {adc.source!r}; "
+            "it must be comparable",
+            adc.range.place,
+        )
+    skew = _ticks(patch.program.skew, scope)
+    conversion = _ticks(adc.conversion_time, scope)
+    if adc.channel * skew + conversion > DEEPEST_PIPELINE * _ticks(patch.program.period, scope):
+        raise PatchError(
+            f"ADC {adc.name!r} takes longer than {DEEPEST_PIPELINE} periods, with skew and "
+            "conversion_time; shorten them or lengthen the period",
+            adc.place,
+        )
+    return Sampler(
+        adc.name,
+        analog.signals.index(adc.source),
+        full_scale,
+        range_mu,
+        _step_mu(adc.bits, range_mu, preset),
+        not preset.converters_exact,
+        adc.channel * skew,
+        conversion,
+    )
+
+
+def _holder(
+    dac: Dac, analog: Analog, words: tuple[str, ...], scales: Mapping[str, float], preset: Preset
+) -> Holder:
+    return Holder(
+        dac.name,
+        words.index(dac.word),
+        analog.inputs.index(dac.name),
+        1.0 / scales[dac.name],
+        _step_mu(dac.bits, 1.0, preset),
+        not preset.converters_exact,
+    )
+
+
+def _ticks(duration: Value | None, scope: Mapping[str, float]) -> int:
+    """A duration in ticks, 0 where it is not given."""
+    if duration is None:
+        return 0
+    seconds = duration.number(scope)
+    if seconds > LONGEST_S:
+        raise PatchError(
+            f"{duration.what} is {seconds:g} s; at most {LONGEST_S:g} s are possible",
+            duration.place,
+        )
+    ticks = to_ticks(seconds)
+    if duration.positive and ticks == 0:
+        raise PatchError(
+            f"{duration.what} is {seconds:g} s, below a femtosecond, the resolution of time; "
+            "give a longer one",
+            duration.place,
+        )
+    return ticks
+
+
+def _timing(patch: Patch, scope: Mapping[str, float]) -> Timing:
+    program, run = patch.program, patch.run
+    period = _ticks(program.period, scope) if program else 0
+    compute = _ticks(program.compute_time, scope) if program and program.compute_time else period
+    every = _ticks(run.every, scope) if run.every else period
+    timing = Timing(period, compute, every, _ticks(run.until, scope))
+    _check_timing(patch, timing)
+    return timing
+
+
+def _check_timing(patch: Patch, timing: Timing) -> None:
+    """Refuse what would run for hours or fill the memory."""
+    program, run = patch.program, patch.run
+    shortest = min(t for t in (timing.period, timing.every) if t)
+    if timing.until // shortest > MOST_CYCLES:
+        what = run.every if run.every and timing.every == shortest else run.until
+        raise PatchError(
+            f"the run has {timing.until / shortest:.3g} cycles or rows; at most {MOST_CYCLES:.0e} "
+            "are possible, so shorten the run or lengthen the period or the record interval",
+            what.place,
+        )
+    if program and timing.compute > DEEPEST_PIPELINE * timing.period:
+        raise PatchError(
+            f"compute_time is {timing.compute / timing.period:.3g} periods; at most "
+            f"{DEEPEST_PIPELINE} are possible",
+            program.compute_time.place if program.compute_time else program.place,
+        )
+    kept = len(patch.record or patch.signals)
+    rows = min(timing.until // timing.every + 1, run.max_rows)
+    if rows * kept > MOST_RECORDED:
+        raise PatchError(
+            f"the record would hold {rows} rows of {kept} signals; at most {MOST_RECORDED:.0e} "
+            "numbers are possible, so lower max_rows or name fewer signals under record:",
+            run.until.place,
+        )

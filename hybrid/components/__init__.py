@@ -1,0 +1,28 @@
+"""The catalogue of component kinds: one explicit table, by the key that patches use."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from types import MappingProxyType
+
+from hybrid.components.base import Core, Kind, Oscillation, Step
+from hybrid.components.linear import Coefficient, Integrate, Invert, Lag, Sum
+from hybrid.components.sources import Constant, Sine, StepSource
+
+CATALOG: Mapping[str, Kind] = MappingProxyType(
+    {
+        kind.key: kind
+        for kind in (
+            Constant(),
+            StepSource(),
+            Sine(),
+            Sum(),
+            Coefficient(),
+            Invert(),
+            Integrate(),
+            Lag(),
+        )
+    }
+)
+
+__all__ = ["CATALOG", "Core", "Kind", "Oscillation", "Step"]

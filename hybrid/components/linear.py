@@ -1,0 +1,97 @@
+"""Linear components: sum, coefficient, inverter, integrator, first-order lag."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+from hybrid.components.base import Core, Kind
+from hybrid.language import Bound, Holds, Key, Unit
+
+
+class Sum(Kind):
+    """Adds its inputs, each times its coefficient; it does not invert unless told to."""
+
+    key, symbol = "sum", "summer"
+    doc = "sum of inputs, each times its coefficient"
+    main = Key("sum", Holds.TERMS, "signal: coefficient", required=True)
+
+    def core(self, values: Mapping[str, float], gains: Mapping[str, float]) -> Core:
+        """w = sum(coefficient * input)."""
+        return Core(gains)
+
+
+class Coefficient(Sum):
+    """One input times a constant: a potentiometer, with the amplifier gain it needs."""
+
+    key, symbol = "coefficient", "potentiometer"
+    doc = "one input times a constant"
+    main = Key("coefficient", Holds.TERMS, "one signal: its coefficient", required=True)
+    single_input = True
+
+
+class Invert(Sum):
+    """The input with its sign reversed."""
+
+    key, symbol = "invert", "inverter"
+    doc = "the input with its sign reversed"
+    main = Key("invert", Holds.SIGNAL, "the input", required=True)
+
+    def core(self, values: Mapping[str, float], gains: Mapping[str, float]) -> Core:
+        """w = -input."""
+        return Core({signal: -gain for signal, gain in gains.items()})
+
+
+class Integrate(Kind):
+    """Integral of the sum of inputs, with an optional leak."""
+
+    key, symbol = "integrate", "integrator"
+    doc = "time integral of the sum of inputs"
+    main = Key("integrate", Holds.TERMS, "signal: coefficient", required=True)
+    keys = (
+        Key("initial", Holds.QUANTITY, "initial value", Unit.OWN, required=True),
+        Key(
+            "leak",
+            Holds.QUANTITY,
+            "rate at which the held value is lost (finite gain, capacitor loss)",
+            Unit.RATE,
+            Bound.NOT_NEGATIVE,
+            default="0 1/s",
+        ),
+    )
+    per_second = True
+
+    def core(self, values: Mapping[str, float], gains: Mapping[str, float]) -> Core:
+        """w' = sum(coefficient * input) - leak * w, w(0) = initial."""
+        leak = values.get("leak", 0.0)
+        return Core(gains, dynamic=True, feedback=-leak, initial=values["initial"])
+
+
+class Lag(Kind):
+    """A first-order lag that the problem wants (not the component's own)."""
+
+    key, symbol = "lag", "lag"
+    doc = "sum of inputs through a first-order lag"
+    main = Key("lag", Holds.TERMS, "signal: coefficient", required=True)
+    keys = (
+        Key(
+            "time_constant",
+            Holds.QUANTITY,
+            "time constant of the lag",
+            Unit.TIME,
+            Bound.POSITIVE,
+            required=True,
+        ),
+        Key(
+            "initial",
+            Holds.QUANTITY,
+            "initial value",
+            Unit.OWN,
+            default="settled to the inputs at t = 0",
+        ),
+    )
+
+    def core(self, values: Mapping[str, float], gains: Mapping[str, float]) -> Core:
+        """w' = (sum(coefficient * input) - w) / time_constant."""
+        rate = 1.0 / values["time_constant"]
+        scaled = {signal: gain * rate for signal, gain in gains.items()}
+        return Core(scaled, dynamic=True, feedback=-rate, initial=values.get("initial"))

@@ -1,0 +1,396 @@
+"""What the coupling does to the modes of a patch: the exact one-cycle map and its eigenvalues.
+
+Stage 6. The map takes everything the machine remembers (analog states, held outputs, words, results
+on their way) over one stretch of the timeline; quantisation and clipping are left out, lags, gain
+errors, skew and compute time are in. Its eigenvalues z give the modes s = ln(z) / H.
+
+All figures are kept as differences from the identity: at T = 0.1 ms and 10 rad/s the damping sits
+in the tenth digit of z.
+"""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+
+import numpy as np
+import numpy.typing as npt
+
+from hybrid.engine.propagator import propagator
+from hybrid.errors import HybridError, RunError
+from hybrid.expressions import Name
+from hybrid.layout import build_analog
+from hybrid.machine import Analog, Floats, Machine, OutputStage
+from hybrid.patch import Patch, literal
+from hybrid.scale import to_seconds
+from hybrid.tape import Op, Tape, build_tape
+from hybrid.timeline import Happening, Segment, build_timeline
+
+Complex = npt.NDArray[np.complex128]
+
+# Modes that lose all but this much of themselves in one stretch are results passing through.
+FORGOTTEN = 1e-9
+
+
+@dataclass(frozen=True, slots=True)
+class Mode:
+    """One mode s: undamped |s|, damped |Im s| in rad/s, zeta = -Re s / |s|; the ideal beside it."""
+
+    omega: float
+    omega_damped: float
+    zeta: float
+    omega_ideal: float
+    zeta_ideal: float
+
+    @property
+    def s(self) -> complex:
+        """The mode itself, upper half plane."""
+        return complex(-self.zeta * self.omega, self.omega_damped)
+
+
+class NotLinear(RunError):
+    """The patch has no exact linear prediction; the text says which part is not linear."""
+
+
+# -- the program as a linear map ------------------------------------------------------------------
+
+
+@dataclass(frozen=True, eq=False)
+class LinearProgram:
+    """words = inputs @ [ADC words, remembered values, 1], shape (words, adcs + memory + 1)."""
+
+    rows: Floats
+    adcs: int
+    memory: npt.NDArray[np.int64]  # word that each remembered value takes over
+
+    def steady(self) -> Floats:
+        """Words for inputs that stay as they are, (words, adcs + 1).
+
+        Raises NotLinear where there is no such steady answer (the program integrates).
+        """
+        back = self.rows[:, self.adcs : -1]
+        words = np.eye(len(self.rows))
+        for column, word in enumerate(self.memory):
+            words[:, word] -= back[:, column]
+        direct = np.delete(self.rows, np.s_[self.adcs : self.rows.shape[1] - 1], axis=1)
+        if len(words) and np.linalg.cond(words) > 1e12:
+            raise NotLinear("the program integrates, so it has no steady answer")
+        solved: Floats = np.linalg.solve(words, direct).astype(np.float64)
+        return solved
+
+
+def linear_program(tape: Tape, adcs: int) -> LinearProgram:
+    """Play the tape on linear forms instead of numbers; raises NotLinear naming the word."""
+    width = adcs + len(tape.remembered) + 1
+    forms = np.zeros((len(tape.registers), width))
+    forms[:, -1] = tape.registers
+    for adc in range(adcs):
+        forms[adc] = np.eye(width)[adc]
+    for column, (register, _) in enumerate(tape.memory):
+        forms[register] = np.eye(width)[adcs + column]
+    for (op, target, a, b), owner in zip(tape.code.tolist(), tape.owner, strict=True):
+        forms[target] = _linear_operation(op, forms[a], forms[b], tape.words[owner])
+    word_of = {register: i for i, register in enumerate(tape.word_registers.tolist())}
+    memory = np.array([word_of[r] for r in tape.memory[:, 1].tolist()], dtype=np.int64)
+    return LinearProgram(forms[tape.word_registers], adcs, memory)
+
+
+def _linear_operation(op: int, a: Floats, b: Floats, word: str) -> Floats:
+    constant_a, constant_b = not np.any(a[:-1]), not np.any(b[:-1])
+    if op == Op.COPY:
+        return a
+    if op == Op.NEG:
+        return -a
+    if op == Op.ADD:
+        return a + b
+    if op == Op.SUB:
+        return a - b
+    if op == Op.MUL and (constant_a or constant_b):
+        product: Floats = a * b[-1] if constant_b else b * a[-1]
+        return product
+    if op == Op.DIV and constant_b and b[-1] != 0.0:
+        quotient: Floats = a / b[-1]
+        return quotient
+    if op == Op.POW and constant_b and b[-1] == 1.0:
+        return a
+    raise NotLinear(f"word {word!r} is not linear in what the program reads")
+
+
+# -- the one-cycle map ------------------------------------------------------------------------------
+
+
+def exact_modes(machine: Machine) -> Complex:
+    """Every mode s of the patch as the machine plays it, in rad/s (complex); forgotten ones left out."""
+    analog = machine.analog
+    keep = np.setdiff1d(np.arange(len(analog.states)), analog.sources)
+    if not machine.timing.period:
+        return eigenvalues(analog.a[np.ix_(keep, keep)])
+    change, length_ticks = cycle_map(machine)
+    shift = eigenvalues(change)
+    shift = shift[np.abs(1.0 + shift) > FORGOTTEN]
+    modes: Complex = _log_one_plus(shift) / to_seconds(length_ticks)
+    return modes
+
+
+def _log_one_plus(shift: Complex) -> Complex:
+    """ln(1 + shift), keeping the small real part of a slow mode; elsewhere the plain logarithm."""
+    slow = np.abs(shift) < 0.5
+    near = np.where(slow, shift, 0.0)
+    real = 0.5 * np.log1p(near.real * (2.0 + near.real) + near.imag**2)
+    far = np.log(np.abs(np.where(slow, 1.0, 1.0 + shift)))
+    logarithm: Complex = real + far + 1j * np.angle(1.0 + shift)
+    return logarithm
+
+
+def cycle_map(machine: Machine) -> tuple[Floats, int]:
+    """(M - I, length in ticks): the map of one repeated stretch, constants and sources left out."""
+    timeline = build_timeline(_short(machine))
+    stretch = next(s for s in timeline.segments if s.start > 0 and s.length > 0)
+    before = [kind for tick, kind, _ in timeline.segments[0].events if tick < stretch.start]
+    in_flight = before.count(Happening.START) - before.count(Happening.END)
+    tracker = _Tracker(machine, stretch, in_flight)
+    for offset, kind, index in stretch.events:
+        tracker.play(offset, Happening(kind), index)
+    return tracker.change(), stretch.length
+
+
+def _short(machine: Machine) -> Machine:
+    """The same machine without steps, run just long enough for one stretch to repeat."""
+    timing = machine.timing
+    conversion = max((s.delay_ticks + s.conversion_ticks for s in machine.samplers), default=0)
+    # The record does not belong to the loop: let it follow the cycle.
+    until = 5 * timing.period + 2 * (timing.compute + conversion)
+    return replace(machine, steps=(), timing=replace(timing, every=timing.period, until=until))
+
+
+class _Tracker:
+    """Follows every remembered figure as a linear form of its values at the start of the stretch.
+
+    Layout of a form: n states, m inputs, ADC samples, ADC words, remembered values, visible words,
+    then the queue of results, oldest first.
+    """
+
+    def __init__(self, machine: Machine, stretch: Segment, in_flight: int) -> None:
+        analog, tape = machine.analog, machine.tape
+        self.machine = machine
+        self.program = linear_program(tape, len(machine.samplers))
+        self.in_flight = in_flight  # results on their way at the start
+        starts = sum(1 for _, kind, _ in stretch.events if kind == Happening.START)
+        n, m, words = len(analog.states), len(analog.inputs), len(tape.words)
+        adcs, memory = len(machine.samplers), len(tape.remembered)
+        sizes = [n, m, adcs, adcs, memory, words, (self.in_flight + starts) * words]
+        edges = np.concatenate([[0], np.cumsum(sizes)]).tolist()
+        parts = [slice(a, b) for a, b in itertools.pairwise(edges)]
+        self.x, self.u, self.sample, self.adc, self.memory, self.words, self.queue = parts
+        self.start = np.eye(edges[-1])
+        self.moved = np.zeros((edges[-1], edges[-1]))  # now - start
+        self.now_ticks = 0
+        self.propagators: dict[int, Floats] = {}
+
+    def value(self, part: slice) -> Floats:
+        """Forms of one part, now."""
+        now: Floats = self.start[part] + self.moved[part]
+        return now
+
+    def set(self, part: slice, forms: Floats) -> None:
+        """Give one part new forms."""
+        self.moved[part] = forms - self.start[part]
+
+    def play(self, offset: int, kind: Happening, index: int) -> None:
+        """Advance to the event, then do to the forms what the kernel does to the figures."""
+        if offset > self.now_ticks:
+            both = slice(self.x.start, self.u.stop)
+            self.moved[self.x] += self._change(offset - self.now_ticks) @ self.value(both)
+            self.now_ticks = offset
+        if kind is Happening.SAMPLE:
+            sampler = self.machine.samplers[index]
+            row = self.machine.analog.c[sampler.signal] * sampler.to_si
+            at = slice(self.sample.start + index, self.sample.start + index + 1)
+            self.set(at, (row @ self.value(slice(self.x.start, self.u.stop)))[None])
+        elif kind is Happening.CONVERT:
+            at = slice(self.adc.start + index, self.adc.start + index + 1)
+            self.set(at, self.value(self.sample)[index : index + 1])
+        elif kind is Happening.START:
+            self._start_program()
+        elif kind is Happening.END:
+            self._end_program()
+        elif kind is Happening.LATCH:
+            holder = self.machine.holders[index]
+            at = slice(self.u.start + holder.input, self.u.start + holder.input + 1)
+            self.set(at, holder.to_mu * self.value(self.words)[holder.word : holder.word + 1])
+
+    def _change(self, ticks: int) -> Floats:
+        if ticks not in self.propagators:
+            quiet = replace(
+                self.machine.analog, noise=np.zeros((len(self.machine.analog.states), 0))
+            )
+            self.propagators[ticks] = propagator(quiet, to_seconds(ticks)).change
+        return self.propagators[ticks]
+
+    def _start_program(self) -> None:
+        one = self.value(self.u)[:1]
+        results = self.program.rows @ np.vstack(
+            [self.value(self.adc), self.value(self.memory), one]
+        )
+        first = self.queue.start + self.in_flight * len(results)
+        self.set(slice(first, first + len(results)), results)
+        self.in_flight += 1
+        if len(self.program.memory):
+            self.set(self.memory, results[self.program.memory])
+
+    def _end_program(self) -> None:
+        words = self.words.stop - self.words.start
+        queue = self.value(self.queue)
+        self.set(self.words, queue[:words])
+        self.set(self.queue, np.vstack([queue[words:], np.zeros((words, queue.shape[1]))]))
+        self.in_flight -= 1
+
+    def change(self) -> Floats:
+        """M - I without the constant 1, the step inputs and the sine sources, which only drive."""
+        analog = self.machine.analog
+        driven = {self.u.start + holder.input for holder in self.machine.holders}
+        drop = [self.x.start + i for i in analog.sources]
+        drop += [i for i in range(self.u.start, self.u.stop) if i not in driven]
+        keep = np.setdiff1d(np.arange(len(self.moved)), drop)
+        kept: Floats = self.moved[np.ix_(keep, keep)]
+        return kept
+
+
+# -- eigenvalues ----------------------------------------------------------------------------------
+
+
+def eigenvalues(matrix: Floats) -> Complex:
+    """Eigenvalues, polished: LAPACK's are good to epsilon times the norm, which a lag of 1 us makes
+    large; Newton steps on the eigenvector equation are good to epsilon times each entry."""
+    if not len(matrix):
+        return np.zeros(0, dtype=complex)
+    values, vectors = np.linalg.eig(matrix)
+    polished = [_polish(matrix, v, vectors[:, i]) for i, v in enumerate(values.astype(complex))]
+    return np.array(polished)
+
+
+def _polish(matrix: Floats, value: complex, vector: Complex) -> complex:
+    n = len(matrix)
+    vector = vector / vector[np.argmax(np.abs(vector))]
+    at = int(np.argmax(np.abs(vector)))
+    for _ in range(3):
+        residual = matrix @ vector - value * vector
+        jacobian = np.zeros((n + 1, n + 1), dtype=complex)
+        jacobian[:n, :n] = matrix - value * np.eye(n)
+        jacobian[:n, n] = -vector
+        jacobian[n, at] = 1.0
+        try:
+            step = np.linalg.solve(jacobian, np.append(-residual, 0.0))
+        except np.linalg.LinAlgError:
+            return value
+        if not np.all(np.isfinite(step)) or abs(step[n]) > 1e-3 * abs(value):
+            return value
+        vector, value = vector + step[:n], value + step[n]
+    return value
+
+
+# -- the ideal patch ------------------------------------------------------------------------------
+
+
+def ideal_modes(patch: Patch, overrides: Mapping[str, float]) -> Complex:
+    """Modes with no lag, no errors, no converters and T -> 0: what the patch is meant to do.
+
+    A parameter that is the period is set to 0, so that a lead of 1.5 T vanishes with T.
+    Raises NotLinear where there is no such limit.
+    """
+    if patch.program and isinstance(patch.program.period.expr, Name):
+        try:
+            return _ideal(patch, patch.bind({**overrides, patch.program.period.expr.id: 0.0}))
+        except HybridError:  # something is divided by the period: keep it as it is
+            pass
+    return _ideal(patch, patch.bind(overrides))
+
+
+def ideal_analog(patch: Patch, scope: Mapping[str, float]) -> Analog:
+    """The analog side alone, every component perfect."""
+    perfect = {part.name: OutputStage() for part in patch.analog_parts}
+    return build_analog(patch, scope, perfect)[0]
+
+
+def _ideal(patch: Patch, scope: Mapping[str, float]) -> Complex:
+    analog = ideal_analog(patch, scope)
+    keep = np.setdiff1d(np.arange(len(analog.states)), analog.sources)
+    a = analog.a
+    if patch.program:
+        b, c, d = converter_paths(patch, analog)
+        adcs = tuple(sorted(adc.name for adc in patch.adcs))
+        gain = linear_program(build_tape(patch.program, adcs, scope), len(adcs)).steady()[:, :-1]
+        loop = np.eye(len(gain)) - gain @ d
+        if len(loop) and np.linalg.cond(loop) > 1e12:
+            raise NotLinear("the ideal loop has no delay and a gain of exactly 1")
+        a = a + b @ np.linalg.solve(loop, gain @ c)
+    return eigenvalues(a[np.ix_(keep, keep)])
+
+
+def converter_paths(patch: Patch, analog: Analog) -> tuple[Floats, Floats, Floats]:
+    """(B, C, D) from program words to states, states to ADC words, words to ADC words; SI figures."""
+    n = len(analog.states)
+    words = [a.word for a in patch.program.assignments] if patch.program else []
+    scale = dict(zip(analog.signals, analog.full_scale.tolist(), strict=True))
+    drive = np.zeros((len(analog.inputs), len(words)))
+    for dac in patch.dacs:
+        drive[analog.inputs.index(dac.name), words.index(dac.word)] = 1.0 / scale[dac.name]
+    adcs = sorted(patch.adcs, key=lambda adc: adc.name)
+    rows = [analog.c[analog.signals.index(adc.source)] * scale[adc.source] for adc in adcs]
+    read = np.array(rows).reshape(len(adcs), n + len(analog.inputs))
+    return analog.b @ drive, read[:, :n], read[:, n:] @ drive
+
+
+# -- modes beside their ideals ----------------------------------------------------------------------
+
+
+def modes(machine: Machine) -> tuple[Mode, ...]:
+    """The modes that the patch is meant to have, as the machine plays them, slowest first.
+
+    Where the patch has no ideal limit, every mode is listed and the ideal figures are NaN.
+    """
+    exact = exact_modes(machine)
+    try:
+        ideal = ideal_modes(machine.patch, machine.overrides)
+    except NotLinear:
+        ideal = np.zeros(0, dtype=complex)
+        pairs = [(s, complex(np.nan, np.nan)) for s in exact]
+    else:
+        pairs = _pair(exact, ideal)
+    found = [_mode(s, i) for s, i in pairs if s.imag >= 0]
+    return tuple(sorted(found, key=lambda m: (m.omega, m.zeta)))
+
+
+def _pair(exact: Complex, ideal: Complex) -> list[tuple[complex, complex]]:
+    """Each ideal mode with the nearest exact one that no other has taken."""
+    free = list(range(len(exact)))
+    pairs = []
+    for wanted in sorted(ideal.tolist(), key=abs):
+        if not free:
+            break
+        best = min(free, key=lambda i: abs(exact[i] - wanted))
+        free.remove(best)
+        pairs.append((complex(exact[best]), complex(wanted)))
+    return pairs
+
+
+def _mode(s: complex, ideal: complex) -> Mode:
+    return Mode(abs(s), abs(s.imag), _zeta(s), abs(ideal), _zeta(ideal))
+
+
+def _zeta(s: complex) -> float:
+    """Damping ratio; NaN for a mode that stays where it is (s = 0)."""
+    return -s.real / abs(s) + 0.0 if abs(s) > 0 else float("nan")
+
+
+def with_period(
+    patch: Patch, overrides: Mapping[str, float], period_s: float
+) -> tuple[Patch, dict[str, float]]:
+    """The same patch with another cycle time: through its parameter where it is one."""
+    assert patch.program is not None
+    expr = patch.program.period.expr
+    if isinstance(expr, Name):
+        return patch, {**overrides, expr.id: period_s}
+    program = replace(patch.program, period=replace(literal(period_s), positive=True))
+    return replace(patch, program=program), dict(overrides)

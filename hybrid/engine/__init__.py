@@ -1,0 +1,1 @@
+"""Engines: advance the analog state from event to event and do what each event asks."""

@@ -1,0 +1,317 @@
+"""The exact engine: prepares the kernel's arrays for a machine and plays its timeline in chunks.
+
+Stage 4. A `Player` owns the state of one run. Playing instant by instant, in chunks of any size or in
+one go gives the same bits: normal draws come from one stream, in the order of the events.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+import numpy as np
+
+from hybrid.engine import kernel
+from hybrid.engine.kernel import Coupling, Deck, Pens, Plant, Score, State
+from hybrid.engine.propagator import Propagator, propagator
+from hybrid.errors import PatchError
+from hybrid.machine import Floats, Machine, Pen
+from hybrid.scale import to_seconds
+from hybrid.streams import stream
+from hybrid.timeline import Happening, Segment, Timeline
+
+# Small enough to answer Ctrl-C at once and to keep the normal draws in the cache.
+CHUNK_INSTANTS = 200_000
+CHUNK_DRAWS = 1 << 17
+MOST_INTERVALS = 20_000
+
+
+@dataclass(frozen=True, slots=True)
+class Overload:
+    """One signal beyond its range: first and worst instant, value in machine units."""
+
+    signal: str
+    time_s: float
+    value_mu: float
+    worst_time_s: float
+    instants: int
+
+
+class Player:
+    """One run of one machine, in progress."""
+
+    def __init__(
+        self,
+        machine: Machine,
+        timeline: Timeline,
+        pens: tuple[Pen, ...],
+        seed: int = 0,
+        keep_every: int = 1,
+    ) -> None:
+        """Prepare the run; nothing is played yet. `keep_every`: rows of the record kept, 1 in n."""
+        self.machine, self.timeline, self.keep_every = machine, timeline, keep_every
+        intervals, self.offsets, self.scores = _score(timeline)
+        self.plant = _plant(machine, intervals)
+        self.coupling, self.deck, self.pens = _coupling(machine), _deck(machine), _pens(pens)
+        self.state = _state(machine, timeline)
+        self.rows = np.empty((-(-timeline.rows // keep_every), len(pens)))
+        self.normals = stream(seed, "noise")
+        self.segment = 0
+        self.outcome = kernel.PAUSED
+        self._draws = [_draws(score.instants, self.plant.draws) for score in self.scores]
+        # Where earlier segments' overloads began, as the kernel's counts start anew in each.
+        self._overload_s: dict[int, tuple[float, float, float, int]] = {}
+
+    def play(self) -> Iterator[float]:
+        """Play to the end in chunks; yields the fraction of the run that is done."""
+        while self.outcome == kernel.PAUSED:
+            self.play_instants(self._chunk())
+            yield self.done_s / max(to_seconds(self.timeline.until), 1e-300)
+
+    def play_instants(self, most_instants: int) -> None:
+        """Play at most `most_instants` instants of the current segment."""
+        if self.segment == len(self.scores):
+            self.outcome = kernel.DONE
+            return
+        score, segment = self.scores[self.segment], self.timeline.segments[self.segment]
+        self.state.counts[kernel.DRAWS] = 0
+        normals = self.normals.standard_normal(self._draws_needed(segment, most_instants))
+        outcome = kernel.play(
+            score,
+            self.plant,
+            self.coupling,
+            self.deck,
+            self.pens,
+            self.state,
+            normals,
+            self.rows,
+            len(self.machine.analog.states),
+            self.keep_every,
+            segment.repeats,
+            most_instants,
+        )
+        if outcome == kernel.DONE:
+            self._next_segment(segment)
+            outcome = kernel.DONE if self.segment == len(self.scores) else kernel.PAUSED
+        self.outcome = outcome
+
+    @property
+    def record(self) -> Floats:
+        """Rows taken so far, (rows, pens), in problem units."""
+        return self.rows[: self.state.counts[kernel.ROWS]]
+
+    @property
+    def done_s(self) -> float:
+        """Problem time up to which the run has been played."""
+        if self.segment == len(self.scores):
+            return to_seconds(self.timeline.until)
+        return self._instant_s(
+            self.state.counts[kernel.REPEAT], self.state.counts[kernel.INSTANT] - 1
+        )
+
+    def overloads(self) -> tuple[Overload, ...]:
+        """Every signal that went beyond its range so far, by first time, then name."""
+        self._collect_overloads()
+        names = [
+            *self.machine.analog.signals,
+            *(s.name for s in self.machine.samplers),
+            *(h.name + " (DAC)" for h in self.machine.holders),
+        ]
+        found = [
+            Overload(names[row], first, worst, at, instants)
+            for row, (first, worst, at, instants) in self._overload_s.items()
+        ]
+        return tuple(sorted(found, key=lambda o: (o.time_s, o.signal)))
+
+    def _chunk(self) -> int:
+        if self.segment == len(self.scores):
+            return 1
+        instants = len(self.scores[self.segment].instants)
+        per_repeat = max(int(self._draws[self.segment][-1]), 1)
+        repeats = max(1, min(CHUNK_DRAWS // per_repeat, CHUNK_INSTANTS // instants))
+        return repeats * instants
+
+    def _draws_needed(self, segment: Segment, most_instants: int) -> int:
+        """Exact number of draws of the next `most_instants` instants, so that none is wasted."""
+        count, totals = self.state.counts, self._draws[self.segment]
+        per_repeat = len(totals) - 1
+        at = int(count[kernel.REPEAT]) * per_repeat + int(count[kernel.INSTANT])
+        end = min(at + most_instants, segment.repeats * per_repeat)
+
+        def drawn(instant: int) -> int:
+            return instant // per_repeat * int(totals[-1]) + int(totals[instant % per_repeat])
+
+        return drawn(end) - drawn(at)
+
+    def _next_segment(self, segment: Segment) -> None:
+        self._collect_overloads()
+        self.state.counts[[kernel.REPEAT, kernel.INSTANT]] = 0
+        self.segment += 1
+
+    def _instant_s(self, repeat: int, instant: int) -> float:
+        segment = self.timeline.segments[self.segment]
+        offset = self.offsets[self.segment][instant] if instant >= 0 else 0
+        return to_seconds(segment.start + int(repeat) * segment.length + offset)
+
+    def _collect_overloads(self) -> None:
+        """Turn the kernel's notes into times and merge them with those of earlier segments."""
+        if self.segment == len(self.scores):
+            return
+        notes = self.state.overload
+        for row in np.flatnonzero(notes[:, kernel.TIMES]).tolist():
+            note, worst = notes[row], float(self.state.worst[row])
+            first = self._instant_s(note[kernel.FIRST_REPEAT], note[kernel.FIRST_INSTANT])
+            worst_s = self._instant_s(note[kernel.WORST_REPEAT], note[kernel.WORST_INSTANT])
+            instants = int(note[kernel.TIMES])
+            if row in self._overload_s:
+                first, old_worst, old_s, old_instants = self._overload_s[row]
+                instants += old_instants
+                if abs(old_worst) >= abs(worst):
+                    worst, worst_s = old_worst, old_s
+            self._overload_s[row] = (first, worst, worst_s, instants)
+        notes[:] = 0
+        self.state.worst[:] = 0.0
+
+
+def _score(timeline: Timeline) -> tuple[list[int], list[list[int]], list[Score]]:
+    """Distinct intervals in ticks; the offset of each instant and the score of each segment."""
+    numbers: dict[int, int] = {}
+    offsets, scores = [], []
+    for segment in timeline.segments:
+        rows, at = _instants(segment, numbers)
+        offsets.append(at)
+        scores.append(Score(np.array(rows, dtype=np.int32)))
+    if len(numbers) > MOST_INTERVALS:
+        raise PatchError(
+            f"the run has {len(numbers)} different intervals between events (at most "
+            f"{MOST_INTERVALS}); make the record interval and the period multiples of each other"
+        )
+    return list(numbers), offsets, scores
+
+
+# Column of each kind of event in a row of the score, and whether it is a range of indices.
+_COLUMNS = {
+    Happening.SAMPLE: (kernel.SAMPLE, True),
+    Happening.CONVERT: (kernel.CONVERT, True),
+    Happening.START: (kernel.START, False),
+    Happening.END: (kernel.END, False),
+    Happening.LATCH: (kernel.LATCH, True),
+    Happening.SOURCE: (kernel.SOURCE, True),
+    Happening.RECORD: (kernel.RECORD, False),
+}
+
+
+def _instants(segment: Segment, numbers: dict[int, int]) -> tuple[list[list[int]], list[int]]:
+    """Coincident events gathered into one row, which plays them in the written order.
+
+    A row holds neighbouring indices only; others of the same kind take a further row.
+    """
+    rows: list[list[int]] = []
+    offsets: list[int] = []
+    now = 0
+    for offset, kind, index in segment.events:
+        if offset > now or not rows:
+            rows.append([-1] + [0] * 11)
+            offsets.append(offset)
+            if offset > now:
+                rows[-1][kernel.INTERVAL] = numbers.setdefault(offset - now, len(numbers))
+            now = offset
+        if kind == Happening.REST:
+            continue
+        column, is_range = _COLUMNS[Happening(kind)]
+        if not is_range:
+            rows[-1][column] += 1
+        elif rows[-1][column] == rows[-1][column + 1]:
+            rows[-1][column : column + 2] = [index, index + 1]
+        elif rows[-1][column + 1] == index:
+            rows[-1][column + 1] += 1
+        else:
+            rows.append([-1] + [0] * 11)
+            rows[-1][column : column + 2] = [index, index + 1]
+            offsets.append(offset)
+    return rows, offsets
+
+
+def _sums(machine: Machine) -> tuple[int, ...]:
+    """Signals that are no states: combinations of states and inputs."""
+    states = set(machine.analog.states)
+    return tuple(i for i, name in enumerate(machine.analog.signals) if name not in states)
+
+
+def _blocks(rows: int) -> int:
+    return -(-rows // 4)
+
+
+def _plant(machine: Machine, intervals: list[int]) -> Plant:
+    analog, sums = machine.analog, _sums(machine)
+    n, m, k = len(analog.states), len(analog.inputs), len(sums)
+    all_of: list[Propagator] = [propagator(analog, to_seconds(t)) for t in intervals]
+    rank = max((p.spread.shape[1] for p in all_of), default=0)
+    rows = np.zeros((len(all_of), _blocks(k + n) * 4, n + m + rank))
+    sum_rows = analog.c[list(sums)]
+    for q, p in enumerate(all_of):
+        columns = np.hstack([p.change, p.spread])
+        rows[q, k : k + n, : columns.shape[1]] = columns
+        rows[q, :k, : columns.shape[1]] = sum_rows[:, :n] @ columns
+        rows[q, :k, : n + m] += sum_rows
+    blocks = rows.reshape(len(all_of), -1, 4, n + m + rank).transpose(0, 1, 3, 2)
+    place = {name: k + i for i, name in enumerate(analog.states)}
+    place |= {analog.signals[s]: i for i, s in enumerate(sums)}
+    return Plant(
+        np.ascontiguousarray(blocks),
+        np.array([p.spread.shape[1] for p in all_of], dtype=np.int64),
+        np.array([place[s] for s in analog.signals], dtype=np.int64),
+        np.ascontiguousarray(sum_rows[:, n:].T),
+    )
+
+
+def _coupling(machine: Machine) -> Coupling:
+    adc = [(s.signal, i) for i, s in enumerate(machine.samplers)]
+    dac = [(h.word, h.input) for h in machine.holders]
+    return Coupling(
+        np.array(adc, dtype=np.int64).reshape(-1, 2),
+        np.array(
+            [(s.to_si, s.range_mu, s.step_mu, float(s.clips)) for s in machine.samplers]
+        ).reshape(-1, 4),
+        np.array(dac, dtype=np.int64).reshape(-1, 2),
+        np.array([(h.to_mu, h.step_mu, float(h.clips)) for h in machine.holders]).reshape(-1, 3),
+        np.array([s.input for s in machine.steps], dtype=np.int64),
+        np.array([s.value for s in machine.steps], dtype=np.float64),
+    )
+
+
+def _deck(machine: Machine) -> Deck:
+    return Deck(machine.tape.code, machine.tape.word_registers, machine.tape.memory)
+
+
+def _pens(pens: tuple[Pen, ...]) -> Pens:
+    source = {"analog": 0, "dac": 0, "adc": 1, "word": 2}
+    table = np.array([(source[p.kind], p.index) for p in pens], dtype=np.int64).reshape(-1, 2)
+    return Pens(table, np.array([p.factor for p in pens], dtype=np.float64))
+
+
+def _state(machine: Machine, timeline: Timeline) -> State:
+    analog, timing = machine.analog, machine.timing
+    latency = timing.compute // timing.period + 2 if timing.period else 1
+    words = len(machine.tape.words)
+    watched = len(analog.signals) + len(machine.samplers) + len(machine.holders)
+    z = np.concatenate([analog.x0, analog.u0])
+    sums = list(_sums(machine))
+    return State(
+        np.concatenate([analog.c[sums] @ z, z, np.zeros(analog.noise.shape[1] + len(z))]),
+        np.empty(4 * _blocks(len(sums) + len(analog.x0))),
+        np.zeros(len(machine.samplers)),
+        machine.tape.registers.copy(),
+        np.zeros((latency, words)),
+        np.zeros(words),
+        np.zeros(7, dtype=np.int64),
+        np.zeros((watched, 5), dtype=np.int64),
+        np.zeros(watched),
+    )
+
+
+def _draws(instants: np.ndarray, draws: np.ndarray) -> np.ndarray:
+    """Cumulative draws before each instant of a repeat; the last entry is the whole repeat."""
+    intervals = instants[:, kernel.INTERVAL]
+    per_instant = np.where(intervals >= 0, draws[intervals] if len(draws) else 0, 0)
+    return np.concatenate([[0], np.cumsum(per_instant)])

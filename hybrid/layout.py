@@ -1,0 +1,280 @@
+"""Layout of the linear analog side: states, held inputs and matrices in machine units.
+
+Stage 3. Everything is laid out in order of names, so the order of entries in a patch file changes
+no result, not even in the last bit.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+
+import numpy as np
+
+from hybrid.components import CATALOG, Core
+from hybrid.errors import PatchError
+from hybrid.graph import dependency_order, find_loop
+from hybrid.machine import Analog, Floats, OutputStage, StepEvent
+from hybrid.patch import Component, Patch, Value
+from hybrid.scale import to_ticks
+
+# The input that is always 1; no signal can have this name.
+ONE = ":one"
+# Gains and rates in machine units: no machine has more, and sums of more would overflow. As a rate
+# it is one full scale in a femtosecond, the resolution of time.
+LARGEST_FIGURE = 1e15
+LEAST_FULL_SCALE, LARGEST_FULL_SCALE = 1e-100, 1e100
+
+
+def build_analog(
+    patch: Patch, scope: Mapping[str, float], stages: Mapping[str, OutputStage]
+) -> tuple[Analog, tuple[StepEvent, ...]]:
+    """Lay out and scale the analog side; `stages` gives each component's errors."""
+    return _AnalogLayout(patch, scope, stages).build()
+
+
+class _AnalogLayout:
+    """Rows of the linear analog side, collected by name and then made into matrices.
+
+    A row is an array over z = [x; u]. Each dynamic core has a state `name:core` (or `name`, where the
+    output has no lag), each lagged output a state `name`.
+    """
+
+    def __init__(
+        self, patch: Patch, scope: Mapping[str, float], stages: Mapping[str, OutputStage]
+    ) -> None:
+        self.patch, self.stages = patch, stages
+        self.components = {c.name: c for c in sorted(patch.components, key=lambda c: c.name)}
+        self.dacs = {d.name: d for d in sorted(patch.dacs, key=lambda d: d.name)}
+        self.signals = tuple(sorted([*self.components, *self.dacs]))
+        parts = {part.name: part for part in patch.analog_parts}
+        self.scale = {s: self._full_scale(s, parts[s].full_scale, scope) for s in self.signals}
+        self.units = {s: parts[s].factor for s in self.signals}
+        self.cores = {name: self._core(c, scope) for name, c in self.components.items()}
+        self.initial_word = {name: d.initial.number(scope) for name, d in self.dacs.items()}
+        for name, value in self.initial_word.items():
+            self._check_initial(name, value, self.dacs[name].initial)
+
+    @staticmethod
+    def _full_scale(name: str, value: Value, scope: Mapping[str, float]) -> float:
+        scale = value.number(scope)
+        if not LEAST_FULL_SCALE <= scale <= LARGEST_FULL_SCALE:
+            raise PatchError(
+                f"full_scale of {name!r} is {scale:g} in SI units; it must be from "
+                f"{LEAST_FULL_SCALE:g} to {LARGEST_FULL_SCALE:g}",
+                value.place,
+            )
+        return scale
+
+    def _check_initial(self, name: str, initial: float, given: Value) -> None:
+        if abs(initial) > self.scale[name]:
+            raise PatchError(
+                f"initial value of {name!r} is {abs(initial) / self.scale[name]:.3g} times its "
+                "full_scale; it must lie within",
+                given.place,
+            )
+
+    def _checked(self, name: str, figure: float) -> float:
+        """A gain or rate in machine units that a machine can have."""
+        if not abs(figure) <= LARGEST_FIGURE:
+            raise PatchError(
+                f"{name!r} has a gain or rate of {abs(figure):.3g} in machine units; at most "
+                f"{LARGEST_FIGURE:g} is possible, so check its figures and the full scales",
+                self.components[name].place,
+            )
+        return figure
+
+    def _core(self, component: Component, scope: Mapping[str, float]) -> Core:
+        values = {key: value.number(scope) for key, value in component.values.items()}
+        gains = {signal: value.number(scope) for signal, value in component.terms}
+        core = CATALOG[component.kind].core(values, gains)
+        if core.initial is not None:
+            self._check_initial(component.name, core.initial, component.values["initial"])
+        self._checked(component.name, core.feedback)
+        if core.oscillation:
+            self._checked(component.name, core.oscillation.omega)
+        return core
+
+    def build(self) -> tuple[Analog, tuple[StepEvent, ...]]:
+        self._reject_lagless_loops()
+        states = self._name_states()
+        step_names = [n for n, core in self.cores.items() if core.step]
+        inputs = [ONE, *self.dacs, *step_names]
+        self.n = len(states)
+        self.column: dict[tuple[str, str], int] = {("x", s): i for i, s in enumerate(states)}
+        self.column |= {("u", s): self.n + i for i, s in enumerate(inputs)}
+        c = self._signal_rows()
+        rates = np.zeros((self.n, self.n + len(inputs)))
+        noise = np.zeros((self.n, self.n))
+        for name in self.signals:
+            self._add_rates(name, c, rates, noise)
+        static = self._static_values()
+        x0 = np.array([self._initial(s, static) for s in states])
+        u0 = np.zeros(len(inputs))
+        u0[0] = 1.0
+        for i, name in enumerate(self.dacs):
+            u0[1 + i] = self.initial_word[name] / self.scale[name]
+        noisy = noise[:, np.any(noise != 0.0, axis=0)]
+        analog = Analog(
+            self.signals,
+            tuple(states),
+            tuple(inputs),
+            rates[:, : self.n].copy(),
+            rates[:, self.n :].copy(),
+            noisy,
+            np.array([c[s] for s in self.signals]).reshape(len(self.signals), -1),
+            x0,
+            u0,
+            np.array([self.scale[s] for s in self.signals]),
+            np.array([static[s] for s in self.signals]),
+            tuple(i for i, s in enumerate(states) if s.endswith((":sin", ":cos"))),
+        )
+        return analog, tuple(
+            self._step(n, len(self.dacs) + 1 + i) for i, n in enumerate(step_names)
+        )
+
+    def _step(self, name: str, index: int) -> StepEvent:
+        step = self.cores[name].step
+        assert step is not None
+        height = self._checked(name, step.height / self.scale[name])
+        return StepEvent(name, index, height, to_ticks(step.at_s))
+
+    def _reject_lagless_loops(self) -> None:
+        """Static parts without lag must not feed each other in a circle."""
+        direct = {
+            name: sorted(core.gains)
+            for name, core in self.cores.items()
+            if not core.dynamic and self.stages[name].tau == 0
+        }
+        loop = find_loop(direct)
+        if loop:
+            # `direct` points from a component to its inputs; signals run the other way.
+            path = " -> ".join([loop[0], *reversed(loop)])
+            raise PatchError(
+                f"algebraic loop through parts without lag: {path}; "
+                "give one of them a tau above 0, or an integrator in between",
+                self.components[loop[0]].place,
+            )
+
+    def _name_states(self) -> list[str]:
+        states = []
+        for name in self.signals:
+            core, lagged = self.cores.get(name), self.stages[name].tau > 0
+            if core and core.dynamic and lagged:
+                states.append(name + ":core")
+            if lagged or (core and core.dynamic):
+                states.append(name)
+            if core and core.oscillation:
+                states += [name + ":cos", name + ":sin"]
+        return states
+
+    def _unit_row(self, kind: str, name: str) -> Floats:
+        row = np.zeros(len(self.column))
+        row[self.column[kind, name]] = 1.0
+        return row
+
+    def _signal_rows(self) -> dict[str, Floats]:
+        """Every signal as a row over z, parts without lag after those they depend on."""
+        rows = {s: self._unit_row("x", s) for s in self.signals if ("x", s) in self.column}
+        inputs = {name: list(core.gains) for name, core in self.cores.items()}
+        lagless = {s: inputs.get(s, []) for s in self.signals if s not in rows}
+        for name in dependency_order(lagless):
+            rows[name] = self._core_row(name, rows)
+        return rows
+
+    def _core_row(self, name: str, rows: Mapping[str, Floats]) -> Floats:
+        """Output of the core, or its rate where it is dynamic, before the output lag."""
+        if name in self.dacs:
+            stage = self.stages[name]
+            row = stage.gain * self._unit_row("u", name)
+            row[self.column["u", ONE]] += stage.offset
+            return row
+        core, stage = self.cores[name], self.stages[name]
+        full_scale = self.scale[name]
+        row = np.zeros(len(self.column))
+        for signal in sorted(core.gains):
+            gain = core.gains[signal] * self.scale[signal] / full_scale
+            row += self._checked(name, gain) * rows[signal]
+        row[self.column["u", ONE]] += self._checked(name, core.constant / full_scale)
+        if core.step:
+            row += self._unit_row("u", name)
+        if core.oscillation:
+            amplitude = self._checked(name, core.oscillation.amplitude / full_scale)
+            row += amplitude * self._unit_row("x", name + ":sin")
+        self._checked(name, float(np.max(np.abs(row))))
+        row *= stage.gain
+        row[self.column["u", ONE]] += stage.offset * self._offset_rate(core)
+        return row
+
+    @staticmethod
+    def _offset_rate(core: Core) -> float:
+        """An integrator's offset is referred to its input: it drifts by offset per second."""
+        if not core.dynamic:
+            return 1.0
+        return -core.feedback if core.feedback else 1.0
+
+    def _add_rates(self, name: str, c: dict[str, Floats], rates: Floats, noise: Floats) -> None:
+        core, stage = self.cores.get(name), self.stages[name]
+        output = self.column.get(("x", name))
+        held = self.column.get(("x", name + ":core"), output)
+        if core and core.oscillation:
+            sine, cosine = self.column["x", name + ":sin"], self.column["x", name + ":cos"]
+            rates[sine, cosine] = core.oscillation.omega
+            rates[cosine, sine] = -core.oscillation.omega
+        if output is None or held is None:
+            return
+        row = self._core_row(name, c)
+        if core and core.dynamic:
+            rates[held] += row
+            rates[held, held] += core.feedback
+            row = self._unit_row("x", self._state_name(held))
+        if stage.tau > 0:
+            row[output] -= 1.0
+            rates[output] += row / stage.tau
+            # White noise through the lag: a first-order Gauss process of rms `noise`.
+            noise[output, output] = stage.noise * math.sqrt(2.0 / stage.tau)
+
+    def _state_name(self, index: int) -> str:
+        return next(s for (kind, s), i in self.column.items() if kind == "x" and i == index)
+
+    def _static_values(self) -> dict[str, float]:
+        """Every signal at t = 0 with all lags settled: the operator's static check."""
+        index = {s: i for i, s in enumerate(self.signals)}
+        matrix, right = np.eye(len(index)), np.zeros(len(index))
+        for name, core in self.cores.items():
+            stage, i = self.stages[name], index[name]
+            if core.dynamic and core.initial is not None:
+                right[i] = core.initial / self.scale[name]
+                continue
+            # A settled dynamic core balances its inputs: w = -(sum) / feedback.
+            factor = -1.0 / core.feedback if core.dynamic else 1.0
+            for signal, gain in core.gains.items():
+                scaled = gain * self.scale[signal] / self.scale[name]
+                matrix[i, index[signal]] -= factor * stage.gain * scaled
+            source = core.constant
+            if core.oscillation:
+                source += core.oscillation.amplitude * math.sin(core.oscillation.phase)
+            offset = stage.offset * self._offset_rate(core)
+            right[i] = factor * (stage.gain * source / self.scale[name] + offset)
+        for name, value in self.initial_word.items():
+            stage = self.stages[name]
+            right[index[name]] = stage.gain * value / self.scale[name] + stage.offset
+        try:
+            settled = np.linalg.solve(matrix, right)
+        except np.linalg.LinAlgError:
+            settled = np.full(len(index), math.nan)
+        if not np.all(np.isfinite(settled)):
+            raise PatchError(
+                "the machine cannot settle before the run: a loop of parts with lag but no "
+                "integrator has a gain of exactly 1",
+                self.patch.components[0].place,
+            )
+        return dict(zip(self.signals, settled.tolist(), strict=True))
+
+    def _initial(self, state: str, static: Mapping[str, float]) -> float:
+        name, _, part = state.partition(":")
+        if part in ("sin", "cos"):
+            oscillation = self.cores[name].oscillation
+            assert oscillation is not None
+            return math.sin(oscillation.phase) if part == "sin" else math.cos(oscillation.phase)
+        return static[name]

@@ -1,0 +1,134 @@
+"""The compiled machine: plain arrays in machine units, ready to be played.
+
+Stage 3. Nothing here changes during a run; the run owns the state vector. The analog side is
+x' = A x + B u + G (unit white noise), signals y = C [x; u], with u the held inputs: the constant 1,
+the outputs of the DACs, and the step sources.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+
+from hybrid.patch import Patch
+from hybrid.tape import Tape
+
+Floats = npt.NDArray[np.float64]
+
+
+@dataclass(frozen=True, eq=False)
+class Analog:
+    """Linear analog side in machine units (1 = full scale); n states, m held inputs, r noises."""
+
+    signals: tuple[str, ...]  # sorted; rows of C
+    states: tuple[str, ...]
+    inputs: tuple[str, ...]  # the constant 1, then DACs and steps, sorted
+    a: Floats  # (n, n), 1/s
+    b: Floats  # (n, m), 1/s
+    noise: Floats  # (n, r), 1/sqrt(s)
+    c: Floats  # (signals, n + m)
+    x0: Floats  # (n,)
+    u0: Floats  # (m,)
+    full_scale: Floats  # (signals,), SI
+    static_value: Floats  # (signals,), machine units, at t = 0
+    sources: tuple[int, ...]  # states that belong to sine sources
+
+
+@dataclass(frozen=True, slots=True)
+class OutputStage:
+    """The errors of one component, drawn and ready, in machine units."""
+
+    tau: float = 0.0  # s
+    gain: float = 1.0  # 1 + gain error
+    offset: float = 0.0
+    noise: float = 0.0  # rms
+
+
+@dataclass(frozen=True, slots=True)
+class Sampler:
+    """One ADC: where it reads, how it rounds, when it samples."""
+
+    name: str
+    signal: int  # row of C
+    to_si: float  # SI per machine unit of the signal
+    range_mu: float  # largest magnitude converted, machine units
+    step_mu: float  # one code, machine units; 0 = not quantised
+    clips: bool
+    delay_ticks: int  # sample, after the start of the cycle
+    conversion_ticks: int
+
+
+@dataclass(frozen=True, slots=True)
+class Holder:
+    """One DAC: the word it converts, how it rounds, the held input it drives."""
+
+    name: str
+    word: int  # index among the program's words
+    input: int  # index in u
+    to_mu: float  # machine units per SI
+    step_mu: float
+    clips: bool
+
+
+@dataclass(frozen=True, slots=True)
+class StepEvent:
+    """A held input that changes once."""
+
+    name: str
+    input: int
+    value: float
+    at_ticks: int
+
+
+@dataclass(frozen=True, slots=True)
+class Timing:
+    """All durations in ticks; `period` 0 where there is no digital machine."""
+
+    period: int
+    compute: int
+    every: int
+    until: int
+
+
+@dataclass(frozen=True, slots=True)
+class Pen:
+    """One recorded signal: kind 'analog', 'dac', 'adc' or 'word', index, factor to problem units."""
+
+    name: str
+    kind: str
+    index: int
+    factor: float
+
+
+@dataclass(frozen=True, eq=False)
+class Machine:
+    """A patch compiled for one set of parameters and one make of machine."""
+
+    patch: Patch
+    preset: str
+    serial: int
+    parameters: dict[str, float]  # all, SI
+    overrides: dict[str, float]  # those given from outside
+    stages: dict[str, OutputStage]  # by component and DAC
+    analog: Analog
+    samplers: tuple[Sampler, ...]
+    holders: tuple[Holder, ...]
+    steps: tuple[StepEvent, ...]
+    tape: Tape
+    timing: Timing
+
+    @property
+    def cycle_s(self) -> float:
+        """Digital cycle time in s, NaN where there is no digital machine."""
+        from hybrid.scale import to_seconds
+
+        return to_seconds(self.timing.period) if self.timing.period else float("nan")
+
+    def __repr__(self) -> str:
+        a = self.analog
+        return (
+            f"<Machine {self.patch.title!r} on {self.preset!r}: {len(a.states)} states, "
+            f"{len(self.samplers)} ADC, {len(self.holders)} DAC, {len(self.tape.code)} operations>"
+        )

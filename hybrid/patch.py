@@ -1,0 +1,223 @@
+"""What a patch is: frozen data, as read, with every number still an expression over parameters.
+
+Stage 1. `patchfile` builds these values and has checked every dimension; `Patch.bind` turns the
+parameters into numbers. All numbers are SI inside; `unit` and `factor` say how a signal is shown.
+"""
+
+from __future__ import annotations
+
+import functools
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+
+from hybrid.errors import NOWHERE, PatchError, Place, did_you_mean, quoted
+from hybrid.expressions import ExpressionError, Node, Number, evaluate, names
+from hybrid.graph import dependency_order, find_loop
+from hybrid.units import PURE, Dimension
+
+
+@dataclass(frozen=True, slots=True)
+class Value:
+    """A number of the patch: the expression, where it stands and which values it may take."""
+
+    expr: Node
+    place: Place = NOWHERE
+    what: str = "value"  # "full_scale of 'theta'", for messages
+    positive: bool = False
+    not_negative: bool = False
+
+    def number(self, scope: Mapping[str, float]) -> float:
+        """The value in SI units; raises PatchError where it is not allowed."""
+        try:
+            value = evaluate(self.expr, scope)
+        except ExpressionError as error:
+            raise PatchError(f"{self.what}: {error}", self.place) from None
+        if self.positive and not value > 0:
+            raise PatchError(f"{self.what} is {value:g}; it must be greater than 0", self.place)
+        if self.not_negative and value < 0:
+            raise PatchError(f"{self.what} is {value:g}; it must be 0 or greater", self.place)
+        return value
+
+
+@dataclass(frozen=True, slots=True)
+class Parameter:
+    """A named number that the command line may override."""
+
+    name: str
+    value: Value
+    unit: str = ""
+    factor: float = 1.0  # SI value of one `unit`
+    dimension: Dimension = PURE
+
+
+@dataclass(frozen=True, slots=True)
+class Component:
+    """One analog component: `kind` is its key in the catalogue."""
+
+    name: str
+    kind: str
+    terms: tuple[tuple[str, Value], ...]  # inputs with coefficients, sorted by signal
+    values: Mapping[str, Value]  # the kind's own quantities
+    full_scale: Value
+    unit: str
+    factor: float
+    dimension: Dimension
+    errors: Mapping[str, Value]  # overrides of tau, tolerance, offset, noise
+    place: Place = NOWHERE
+
+
+@dataclass(frozen=True, slots=True)
+class Adc:
+    """Analog signal to program word; `bits` None means no quantisation."""
+
+    name: str
+    source: str
+    bits: int | None
+    range: Value | None
+    conversion_time: Value | None
+    channel: int
+    place: Place = NOWHERE
+
+
+@dataclass(frozen=True, slots=True)
+class Dac:
+    """Program word to held analog signal."""
+
+    name: str
+    word: str
+    bits: int | None
+    initial: Value
+    full_scale: Value
+    unit: str
+    factor: float
+    dimension: Dimension
+    errors: Mapping[str, Value]
+    place: Place = NOWHERE
+
+
+@dataclass(frozen=True, slots=True)
+class Assignment:
+    """word: expression over ADC words, parameters, other words and previous(word)."""
+
+    word: str
+    expr: Node
+    place: Place = NOWHERE
+    dimension: Dimension | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class Program:
+    """The digital machine's program and its clock; assignments in the order they are computed."""
+
+    period: Value
+    compute_time: Value | None
+    skew: Value | None
+    assignments: tuple[Assignment, ...]
+    remember: Mapping[str, Value]
+    place: Place = NOWHERE
+
+
+@dataclass(frozen=True, slots=True)
+class RunSettings:
+    """Length of the run and density of its record."""
+
+    until: Value
+    every: Value | None = None
+    max_rows: int = 1_000_000
+
+
+@dataclass(frozen=True, slots=True)
+class Readout:
+    """A figure of merit: `kind` of `signal`, from a part of the record."""
+
+    name: str
+    kind: str
+    signal: str
+    start: Value | None = None
+    end: Value | None = None
+    place: Place = NOWHERE
+
+
+@dataclass(frozen=True, slots=True)
+class MachineSettings:
+    """Which machine the patch asks for; `errors` override the preset for all components."""
+
+    preset: str = "nominal"
+    serial: int = 1
+    errors: Mapping[str, Value] = field(default_factory=dict)
+    place: Place = NOWHERE
+
+
+@dataclass(frozen=True, eq=False)
+class Patch:
+    """A whole validated patch."""
+
+    title: str
+    description: str
+    file: str
+    text: str
+    machine: MachineSettings
+    parameters: Mapping[str, Parameter]
+    components: tuple[Component, ...]
+    adcs: tuple[Adc, ...]
+    dacs: tuple[Dac, ...]
+    program: Program | None
+    run: RunSettings
+    record: tuple[str, ...]  # () = all signals
+    readouts: tuple[Readout, ...]
+
+    def bind(self, overrides: Mapping[str, float] | None = None) -> dict[str, float]:
+        """Every parameter as an SI number, `overrides` (SI) replacing defaults.
+
+        Raises PatchError for an unknown name, a circular definition or a value not allowed.
+        """
+        given = dict(overrides or {})
+        for name, number in given.items():
+            if name not in self.parameters:
+                hint = did_you_mean(name, self.parameters)
+                raise PatchError(f"no parameter {quoted(name)}; {hint}", Place(self.file))
+            if not math.isfinite(number):
+                raise PatchError(f"{name} is {number}; give a finite number", Place(self.file))
+        numbers: dict[str, float] = {}
+        for name in self.parameter_order:
+            if name in given:
+                numbers[name] = given[name]
+            else:
+                numbers[name] = self.parameters[name].value.number(numbers)
+        return numbers
+
+    @functools.cached_property
+    def parameter_order(self) -> tuple[str, ...]:
+        """Parameters so that each comes after those it is computed from."""
+        needs = {n: sorted(names(p.value.expr)) for n, p in self.parameters.items()}
+        loop = find_loop(needs)
+        if loop:
+            place = self.parameters[loop[0]].value.place
+            raise PatchError("circular parameters: " + " -> ".join((*loop, loop[0])), place)
+        return dependency_order(needs)
+
+    @property
+    def analog_parts(self) -> tuple[Component | Dac, ...]:
+        """Everything that drives an analog signal, by name."""
+        parts: tuple[Component | Dac, ...] = (*self.components, *self.dacs)
+        return tuple(sorted(parts, key=lambda part: part.name))
+
+    @property
+    def signals(self) -> tuple[str, ...]:
+        """Names of every signal and word, sorted."""
+        words = [a.word for a in self.program.assignments] if self.program else []
+        sampled = [adc.name for adc in self.adcs]
+        return tuple(sorted([p.name for p in self.analog_parts] + sampled + words))
+
+    def __repr__(self) -> str:
+        word = f", {len(self.program.assignments)} program words" if self.program else ""
+        return (
+            f"<Patch {self.title!r}: {len(self.components)} components, {len(self.adcs)} ADC, "
+            f"{len(self.dacs)} DAC{word}; parameters: {', '.join(sorted(self.parameters))}>"
+        )
+
+
+def literal(value: float) -> Value:
+    """A Value that is a plain number."""
+    return Value(Number(value))

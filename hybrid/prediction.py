@@ -1,0 +1,256 @@
+"""predict(patch): exact modes beside the closed forms, and the largest cycle time that will do.
+
+Stage 7, the only place outside tests and benches where the closed forms of `theory` meet the exact
+modes of `coupling`.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Mapping
+from dataclasses import asdict, dataclass
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from hybrid import coupling, theory
+from hybrid.compiler import compile_patch
+from hybrid.coupling import Mode, NotLinear
+from hybrid.errors import RunError
+from hybrid.expressions import names, previous_names
+from hybrid.graph import simple_loops
+from hybrid.machine import Machine
+from hybrid.patch import Patch
+from hybrid.theory import ClosedForm
+
+if TYPE_CHECKING:
+    import pandas as pd
+
+# Two figures that should be equal and differ by rounding only.
+ROUNDING = 1e-9
+
+
+@dataclass(frozen=True, eq=False)
+class Prediction:
+    """Exact modes of a patch on a machine, each with the closed form that applies to it or None."""
+
+    machine: Machine
+    modes: tuple[Mode, ...]
+    closed_forms: tuple[ClosedForm | None, ...]
+    max_cycle_s: float | None = None
+    max_damping_error: float | None = None
+
+    def to_dicts(self) -> list[dict[str, Any]]:
+        """One dict a mode: omega, omega_damped, zeta, omega_ideal, zeta_ideal, closed_form."""
+        return [
+            {
+                "omega": mode.omega,
+                "omega_damped": mode.omega_damped,
+                "zeta": mode.zeta,
+                "omega_ideal": mode.omega_ideal,
+                "zeta_ideal": mode.zeta_ideal,
+                "closed_form": asdict(form) if form else None,
+            }
+            for mode, form in zip(self.modes, self.closed_forms, strict=True)
+        ]
+
+    def to_pandas(self) -> pd.DataFrame:
+        """One row a mode."""
+        import pandas as pd
+
+        return pd.json_normalize(self.to_dicts())
+
+    def __repr__(self) -> str:
+        lines = [f"<Prediction {self.machine.patch.title!r} on {self.machine.preset!r}>"]
+        for mode, form in zip(self.modes, self.closed_forms, strict=True):
+            lines.append(
+                f"  omega {mode.omega:.9g} rad/s (ideal {mode.omega_ideal:.6g}), damped "
+                f"{mode.omega_damped:.9g}, zeta {mode.zeta:.9g} (ideal {mode.zeta_ideal:.6g})"
+            )
+            if form:
+                lines.append(
+                    f"    Eq. {form.equation}: omega {form.omega:.9g} rad/s, zeta {form.zeta:.9g}"
+                )
+        if self.max_cycle_s is not None:
+            lines.append(
+                f"  largest T with a damping-ratio error below {self.max_damping_error:g}: "
+                f"{self.max_cycle_s:.6g} s"
+            )
+        return "\n".join(lines)
+
+
+def predict(
+    patch: Patch,
+    parameters: Mapping[str, float] | None = None,
+    *,
+    machine: str | None = None,
+    serial: int | None = None,
+    max_damping_error: float | None = None,
+) -> Prediction:
+    """Exact modes of the patch, with the closed forms beside them; nothing is run.
+
+    Args: parameters in SI units; max_damping_error: also find the largest cycle time whose modes all
+    keep their damping ratio within this of the ideal one. Raises PatchError, RunError, and NotLinear
+    where the program is not linear.
+    """
+    compiled = compile_patch(patch, parameters, machine, serial)
+    return predict_machine(compiled, max_damping_error)
+
+
+def predict_machine(machine: Machine, max_damping_error: float | None = None) -> Prediction:
+    """The same for a compiled machine."""
+    found = coupling.modes(machine)
+    case = closed_form_case(machine)
+    forms = tuple(_closed_form(mode, case) for mode in found)
+    longest = None
+    if max_damping_error is not None:
+        longest = largest_cycle_s(machine, max_damping_error)
+    return Prediction(machine, found, forms, longest, max_damping_error)
+
+
+# -- which closed form applies ----------------------------------------------------------------------
+
+
+@dataclass(frozen=True, slots=True)
+class Case:
+    """A closed form of the paper that fits a patch: equation, natural frequency, its figures."""
+
+    equation: str
+    omega_p: float
+    period_s: float = 0.0
+    lags_s: tuple[float, ...] = ()
+
+
+def closed_form_case(machine: Machine) -> Case | None:
+    """The paper's case that the patch is, found from its structure; None for any other patch."""
+    try:
+        if machine.timing.period:
+            return _sampled_case(machine)
+        return _analog_case(machine)
+    except (NotLinear, np.linalg.LinAlgError):
+        return None
+
+
+def _sampled_case(machine: Machine) -> Case | None:
+    """Eqs. 2.1 and 2.2: one ADC, one DAC, one cycle of computing, and in between c / s^2 or
+    c (1 + 1.5 T s) / s^2."""
+    timing = machine.timing
+    if len(machine.samplers) != 1 or len(machine.holders) != 1 or timing.compute != timing.period:
+        return None
+    if machine.samplers[0].delay_ticks or machine.samplers[0].conversion_ticks:
+        return None
+    program = coupling.linear_program(machine.tape, 1)
+    if len(program.memory):
+        return None
+    analog = coupling.ideal_analog(machine.patch, machine.parameters)
+    b, c, d = coupling.converter_paths(machine.patch, analog)
+    gain = program.rows[:, :1]
+    b, d = b @ gain, d @ gain
+    markov = [
+        (c @ np.linalg.matrix_power(analog.a, k) @ b).item() for k in range(len(analog.a) + 1)
+    ]
+    direct, first, second, rest = d.item(), markov[0], markov[1], markov[2:]
+    if second >= 0 or abs(direct) > ROUNDING:
+        return None
+    omega_p, period_s = math.sqrt(-second), machine.cycle_s
+    if any(abs(h) > ROUNDING * omega_p ** (k + 3) for k, h in enumerate(rest)):
+        return None
+    lead = first / second / period_s
+    if abs(lead) < ROUNDING:
+        return Case("2.1", omega_p, period_s)
+    if abs(lead - 1.5) < ROUNDING:
+        return Case("2.2", omega_p, period_s)
+    return None
+
+
+def _analog_case(machine: Machine) -> Case | None:
+    """Eq. 2.3: one loop, undamped when ideal, of elements with a lag each."""
+    ideal = coupling.ideal_modes(machine.patch, machine.overrides)
+    undamped = [s for s in ideal if s.imag > 0 and abs(s.real) <= ROUNDING * abs(s)]
+    loops = simple_loops(signal_graph(machine.patch))
+    if len(undamped) != 1 or len(loops) != 1:
+        return None
+    lags = tuple(machine.stages[name].tau for name in loops[0])
+    return Case("2.3", abs(undamped[0]), lags_s=tuple(tau for tau in lags if tau > 0))
+
+
+def signal_graph(patch: Patch) -> dict[str, list[str]]:
+    """Which signals each signal feeds, through components, converters and the program."""
+    feeds: dict[str, set[str]] = {name: set() for name in patch.signals}
+    for component in patch.components:
+        for source, _ in component.terms:
+            feeds[source].add(component.name)
+    for adc in patch.adcs:
+        feeds[adc.source].add(adc.name)
+    for assignment in patch.program.assignments if patch.program else ():
+        for source in (names(assignment.expr) | previous_names(assignment.expr)) & feeds.keys():
+            feeds[source].add(assignment.word)
+    for dac in patch.dacs:
+        feeds[dac.word].add(dac.name)
+    return {name: sorted(targets) for name, targets in feeds.items()}
+
+
+def _closed_form(mode: Mode, case: Case | None) -> ClosedForm | None:
+    if case is None or not abs(mode.omega_ideal / case.omega_p - 1.0) < ROUNDING:
+        return None
+    try:
+        if case.equation == "2.1":
+            return theory.uncompensated(case.omega_p, case.period_s)
+        if case.equation == "2.2":
+            return theory.lead_compensated(case.omega_p, case.period_s)
+        return theory.all_analog(case.omega_p, case.lags_s)
+    except ValueError:  # beyond the range of the series
+        return None
+
+
+# -- the largest cycle time -------------------------------------------------------------------------
+
+
+def largest_cycle_s(machine: Machine, max_damping_error: float) -> float | None:
+    """Largest T such that every shorter one keeps each damping ratio within the given error.
+
+    Steps up from a T far below any mode until the error is exceeded, then bisects to 1e-12 of T.
+    None where it is never exceeded up to one sample per half oscillation. Raises RunError where the
+    patch has no digital machine or no ideal oscillation to compare with, or where lags alone exceed
+    the error.
+    """
+    if not (math.isfinite(max_damping_error) and max_damping_error > 0):
+        raise RunError(f"the damping-ratio error must be above 0, not {max_damping_error:g}")
+    if not machine.timing.period:
+        raise RunError("the patch has no digital machine, so no cycle time to find")
+    error = _damping_error(machine)
+    fastest = max((m.omega_ideal for m in coupling.modes(machine)), default=0.0)
+    if not fastest > 0:
+        raise RunError("the patch has no ideal mode to compare the damping ratio with")
+    shortest, longest, step = 1e-6 / fastest, math.pi / fastest, 1.2
+    if error(shortest) > max_damping_error:
+        raise RunError(
+            f"even at T = {shortest:.3g} s the damping-ratio error is {error(shortest):.3g}: the lags "
+            "and gain errors of the analog machine alone exceed it"
+        )
+    low = shortest
+    while error(low * step) <= max_damping_error:
+        low *= step
+        if low > longest:
+            return None
+    high = low * step
+    while high / low - 1.0 > 1e-12:
+        middle = math.sqrt(low * high)
+        low, high = (middle, high) if error(middle) <= max_damping_error else (low, middle)
+        if middle in (low, high) and high / low - 1.0 < 4e-16:
+            break
+    return low
+
+
+def _damping_error(machine: Machine) -> Callable[[float], float]:
+    def error(period_s: float) -> float:
+        patch, overrides = coupling.with_period(machine.patch, machine.overrides, period_s)
+        try:
+            compiled = compile_patch(patch, overrides, machine.preset, machine.serial)
+        except RunError:
+            return math.inf
+        return max(
+            abs(m.zeta - m.zeta_ideal) for m in coupling.modes(compiled) if m.omega_ideal > 0
+        )
+
+    return error
