@@ -13,7 +13,7 @@ from hybrid.layout import build_analog
 from hybrid.machine import Analog, Holder, Machine, OutputStage, Sampler, Timing
 from hybrid.machines import PRESETS, Preset
 from hybrid.patch import Adc, Component, Dac, Patch, Value
-from hybrid.scale import TICKS_PER_SECOND, to_ticks
+from hybrid.scale import TICKS_PER_SECOND, to_seconds, to_ticks
 from hybrid.streams import unit_error
 from hybrid.tape import build_tape
 
@@ -148,10 +148,16 @@ def _sampler(
         )
     skew = _ticks(patch.program.skew, scope)
     conversion = _ticks(adc.conversion_time, scope)
-    if adc.channel * skew + conversion > DEEPEST_PIPELINE * _ticks(patch.program.period, scope):
+    if adc.conversion_time and conversion >= _ticks(patch.program.period, scope):
         raise PatchError(
-            f"ADC {adc.name!r} takes longer than {DEEPEST_PIPELINE} periods, with skew and "
-            "conversion_time; shorten them or lengthen the period",
+            f"{adc.conversion_time.what} is {to_seconds(conversion):g} s, not shorter than the period: "
+            "the ADC would still be converting when it must take its next sample",
+            adc.conversion_time.place,
+        )
+    if adc.channel * skew > DEEPEST_PIPELINE * _ticks(patch.program.period, scope):
+        raise PatchError(
+            f"ADC {adc.name!r} samples more than {DEEPEST_PIPELINE} periods late, channel times skew; "
+            "lower one of them or lengthen the period",
             adc.place,
         )
     return Sampler(

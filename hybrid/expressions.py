@@ -287,6 +287,9 @@ class _Reader:
             number = math.inf
         if math.isinf(number):
             raise self._error("this number is too large; the limit is about 1.8e308", node)
+        text = self._source[node.col_offset : node.end_col_offset]
+        if number == 0.0 and re.search("[1-9]", re.split("[eE]", text)[0]):
+            raise self._error("this number is too small; the limit is about 5e-324", node)
         return Number(number)
 
     def _name(self, node: ast.expr, name: str) -> Node:

@@ -122,7 +122,7 @@ class _AnalogLayout:
             rates[:, : self.n].copy(),
             rates[:, self.n :].copy(),
             noisy,
-            np.array([c[s] for s in self.signals]).reshape(len(self.signals), -1),
+            np.array([c[s] for s in self.signals]).reshape(len(self.signals), len(self.column)),
             x0,
             u0,
             np.array([self.scale[s] for s in self.signals]),
@@ -203,15 +203,16 @@ class _AnalogLayout:
             row += amplitude * self._unit_row("x", name + ":sin")
         self._checked(name, float(np.max(np.abs(row))))
         row *= stage.gain
-        row[self.column["u", ONE]] += stage.offset * self._offset_rate(core)
+        row[self.column["u", ONE]] += stage.offset * self._offset_rate(name)
         return row
 
-    @staticmethod
-    def _offset_rate(core: Core) -> float:
-        """An integrator's offset is referred to its input: it drifts by offset per second."""
-        if not core.dynamic:
+    def _offset_rate(self, name: str) -> float:
+        """What an offset adds to the core's rate: an integrator's is referred to its input and drifts
+        by offset per second, with a leak or without; all others' add to the output."""
+        core = self.cores[name]
+        if not core.dynamic or CATALOG[self.components[name].kind].per_second:
             return 1.0
-        return -core.feedback if core.feedback else 1.0
+        return -core.feedback
 
     def _add_rates(self, name: str, c: dict[str, Floats], rates: Floats, noise: Floats) -> None:
         core, stage = self.cores.get(name), self.stages[name]
@@ -254,7 +255,7 @@ class _AnalogLayout:
             source = core.constant
             if core.oscillation:
                 source += core.oscillation.amplitude * math.sin(core.oscillation.phase)
-            offset = stage.offset * self._offset_rate(core)
+            offset = stage.offset * self._offset_rate(name)
             right[i] = factor * (stage.gain * source / self.scale[name] + offset)
         for name, value in self.initial_word.items():
             stage = self.stages[name]

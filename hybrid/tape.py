@@ -13,7 +13,18 @@ from enum import IntEnum
 import numpy as np
 import numpy.typing as npt
 
-from hybrid.expressions import Binary, Call, Name, Node, Unary, evaluate, names, previous_names
+from hybrid.errors import PatchError
+from hybrid.expressions import (
+    Binary,
+    Call,
+    ExpressionError,
+    Name,
+    Node,
+    Unary,
+    evaluate,
+    names,
+    previous_names,
+)
 from hybrid.patch import Program
 
 
@@ -127,7 +138,10 @@ def build_tape(program: Program | None, adcs: tuple[str, ...], scope: Mapping[st
         build.memory[name] = build.register(program.remember[name].number(scope))
     for index, assignment in enumerate(assignments):
         before = len(build.code)
-        result = build.compute(assignment.expr)
+        try:
+            result = build.compute(assignment.expr)
+        except ExpressionError as error:
+            raise PatchError(f"word {assignment.word!r}: {error}", assignment.place) from None
         build.code.append((Op.COPY, build.place[assignment.word], result, 0))
         build.owner.extend([index] * (len(build.code) - before))
     words = tuple(assignment.word for assignment in assignments)

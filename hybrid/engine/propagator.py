@@ -71,7 +71,9 @@ def noise_covariance(a: Floats, intensity: Floats, interval_s: float) -> Floats:
     change = exponential_minus_one(a * step)
     for _ in range(squarings):
         carried = change @ covariance
-        covariance = 2.0 * covariance + carried + carried.T + carried @ change.T
+        # Twice the symmetric part: an asymmetry left by rounding would double at every squaring.
+        half = covariance + carried
+        covariance = half + half.T + carried @ change.T
         change = 2.0 * change + change @ change
     return covariance
 

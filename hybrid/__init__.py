@@ -1,0 +1,43 @@
+"""Hybrid: an emulated hybrid analog-digital computer.
+
+read_patch(file) -> Patch; run, predict, sweep, check take a Patch and parameters in SI units.
+Everything is imported when first used, so that the command line starts quickly.
+"""
+
+from importlib import import_module
+from typing import TYPE_CHECKING, Any
+
+from hybrid.version import __version__ as __version__
+
+if TYPE_CHECKING:
+    from hybrid.check import check as check
+    from hybrid.errors import HybridError as HybridError
+    from hybrid.errors import PatchError as PatchError
+    from hybrid.errors import RunError as RunError
+    from hybrid.patchfile import parse_patch as parse_patch
+    from hybrid.patchfile import read_patch as read_patch
+    from hybrid.prediction import predict as predict
+    from hybrid.run import run as run
+    from hybrid.shipped import shipped_patches as shipped_patches
+    from hybrid.sweep import sweep as sweep
+
+_HOMES = {
+    "HybridError": "errors",
+    "PatchError": "errors",
+    "RunError": "errors",
+    "check": "check",
+    "parse_patch": "patchfile",
+    "predict": "prediction",
+    "read_patch": "patchfile",
+    "run": "run",
+    "shipped_patches": "shipped",
+    "sweep": "sweep",
+}
+
+__all__ = sorted(_HOMES)
+
+
+def __getattr__(name: str) -> Any:
+    if name not in _HOMES:
+        raise AttributeError(f"module 'hybrid' has no attribute {name!r}")
+    return getattr(import_module(f"hybrid.{_HOMES[name]}"), name)

@@ -1,0 +1,7 @@
+"""Charts of records and sweeps: drawn with Matplotlib's Agg, never with pyplot, saved as PNG."""
+
+from hybrid.charts.coupling import coupling_chart
+from hybrid.charts.strip import strip_chart
+from hybrid.charts.style import save
+
+__all__ = ["coupling_chart", "save", "strip_chart"]

@@ -1,0 +1,186 @@
+"""check(patch): what an operator looks at before the first run.
+
+Stage 7. Scaling, potentiometer settings, the static check (every component's value at t = 0), the
+loops, and which prediction applies. Compiling the patch is itself the full validation.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass
+from typing import Any
+
+from hybrid import coupling
+from hybrid.compiler import compile_patch
+from hybrid.components import CATALOG
+from hybrid.coupling import NotLinear
+from hybrid.graph import simple_loops
+from hybrid.machine import Machine
+from hybrid.patch import Patch
+from hybrid.prediction import Case, closed_form_case, signal_graph
+from hybrid.record import full_scales, signal_units
+from hybrid.timeline import build_timeline
+
+MOST_LOOPS = 50
+
+
+@dataclass(frozen=True, slots=True)
+class ScaleRow:
+    """One analog signal: what it is, its full scale, its value at t = 0 and, where it integrates,
+    its rate at t = 0 in machine units a second."""
+
+    signal: str
+    kind: str
+    full_scale: float
+    units: str
+    value: float
+    value_mu: float
+    rate_mu: float | None
+
+
+@dataclass(frozen=True, slots=True)
+class PotRow:
+    """One coefficient in machine units: sign, potentiometer setting (0 to 1) and amplifier gain."""
+
+    component: str
+    input: str
+    coefficient_mu: float
+    setting: float
+    gain: int
+    inverted: bool
+
+
+@dataclass(frozen=True, slots=True)
+class Loop:
+    """A loop of signals with the sum of the lags around it; `sampled` where it passes the program."""
+
+    path: tuple[str, ...]
+    lag_s: float
+    sampled: bool
+
+
+@dataclass(frozen=True, eq=False)
+class Check:
+    """The findings of a check."""
+
+    machine: Machine
+    scaling: tuple[ScaleRow, ...]
+    pots: tuple[PotRow, ...]
+    loops: tuple[Loop, ...]
+    prediction: str
+    events: str
+
+    def to_dict(self) -> dict[str, Any]:
+        """Everything as plain data."""
+        return {
+            "patch": self.machine.patch.file,
+            "title": self.machine.patch.title,
+            "machine": self.machine.preset,
+            "scaling": [asdict(row) for row in self.scaling],
+            "potentiometers": [asdict(row) for row in self.pots],
+            "loops": [asdict(loop) for loop in self.loops],
+            "prediction": self.prediction,
+            "events": self.events,
+        }
+
+
+def check(
+    patch: Patch,
+    parameters: Mapping[str, float] | None = None,
+    *,
+    machine: str | None = None,
+    serial: int | None = None,
+) -> Check:
+    """Compile the patch and report what an operator checks; raises PatchError for what is wrong."""
+    compiled = compile_patch(patch, parameters, machine, serial)
+    timeline = build_timeline(compiled)
+    events = f"{timeline.cycles} cycles, {timeline.rows} rows of the record"
+    return Check(
+        compiled,
+        _scaling(compiled),
+        _pots(compiled),
+        _loops(compiled),
+        _which_prediction(compiled),
+        events,
+    )
+
+
+def _scaling(machine: Machine) -> tuple[ScaleRow, ...]:
+    analog, units, scales = machine.analog, signal_units(machine), full_scales(machine)
+    rates = analog.a @ analog.x0 + analog.b @ analog.u0
+    kinds = {c.name: c.kind for c in machine.patch.components}
+    rows = []
+    for i, name in enumerate(analog.signals):
+        rate = None
+        if kinds.get(name) == "integrate":
+            core = name + ":core"
+            rate = float(rates[analog.states.index(core if core in analog.states else name)])
+        value = float(analog.static_value[i])
+        rows.append(
+            ScaleRow(
+                name,
+                kinds.get(name, "dac"),
+                scales[name],
+                units[name][0],
+                value * scales[name],
+                value,
+                rate,
+            )
+        )
+    return tuple(rows)
+
+
+def _pots(machine: Machine) -> tuple[PotRow, ...]:
+    """Coefficients in machine units: gain times full scale in over full scale out."""
+    scale = dict(zip(machine.analog.signals, machine.analog.full_scale.tolist(), strict=True))
+    rows = []
+    for component in sorted(machine.patch.components, key=lambda c: c.name):
+        values = {k: v.number(machine.parameters) for k, v in component.values.items()}
+        gains = {s: v.number(machine.parameters) for s, v in component.terms}
+        core = CATALOG[component.kind].core(values, gains)
+        own = scale[component.name]
+        entries = {s: g * scale[s] / own for s, g in core.gains.items()}
+        if core.feedback:
+            entries["(itself)"] = core.feedback
+        if core.initial is not None:
+            entries["(initial)"] = core.initial / own
+        if component.kind in ("constant", "step"):
+            entries["(reference)"] = (core.constant + (core.step.height if core.step else 0)) / own
+        rows += [_pot(component.name, name, value) for name, value in entries.items()]
+    return tuple(rows)
+
+
+def _pot(component: str, name: str, value: float) -> PotRow:
+    """A potentiometer goes from 0 to 1; an amplifier input with a gain of 10, 100 ... does the rest."""
+    size = abs(value)
+    power = max(0, math.ceil(math.log10(size) - 1e-12)) if size > 0 else 0
+    gain: int = 10**power
+    return PotRow(component, name, value, size / gain, gain, value < 0)
+
+
+def _loops(machine: Machine) -> tuple[Loop, ...]:
+    words = set(machine.tape.words)
+    found = simple_loops(signal_graph(machine.patch), MOST_LOOPS)
+    return tuple(
+        Loop(
+            path,
+            math.fsum(machine.stages[s].tau for s in path if s in machine.stages),
+            any(s in words for s in path),
+        )
+        for path in found
+    )
+
+
+def _which_prediction(machine: Machine) -> str:
+    """In words: which exact and which closed-form prediction the patch has."""
+    try:
+        modes = coupling.modes(machine)
+    except NotLinear as reason:
+        return f"no exact prediction: {reason}"
+    kind = "the exact one-cycle matrix" if machine.timing.period else "the exact analog matrix"
+    case: Case | None = closed_form_case(machine)
+    closed = (
+        f"; closed form: Eq. {case.equation}" if case else "; no closed form of the paper applies"
+    )
+    return f"{kind} ({len(modes)} mode{'s' if len(modes) != 1 else ''}){closed}"

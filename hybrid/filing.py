@@ -1,0 +1,88 @@
+"""A run's files, written by a second process that loads the drawing libraries while the run goes on.
+
+Stage 6. Loading matplotlib and xarray takes longer than most runs; on its own core it costs no waiting.
+"""
+
+from __future__ import annotations
+
+import signal
+from multiprocessing import get_context
+from multiprocessing.connection import Connection
+from pathlib import Path
+from typing import Any
+
+from hybrid.errors import HybridError
+from hybrid.record import Parts, write_dataset, write_whole
+
+
+class Filing:
+    """Start it before the run; `write` what the run gave."""
+
+    def __init__(self, chart: bool) -> None:
+        """Start loading; `chart`: a strip chart will be asked for."""
+        self.chart = chart
+        processes = get_context("spawn")
+        self.line, far_end = processes.Pipe()
+        # A daemon: should the run fail, it is gone with the main process and nobody waits for it.
+        self.process = processes.Process(target=_serve, args=(far_end, chart), daemon=True)
+        self.process.start()
+        far_end.close()
+
+    def write(
+        self,
+        parts: Parts,
+        readouts: dict[str, dict[str, Any]],
+        prediction: list[dict[str, Any]] | None,
+        stem: Path,
+    ) -> list[str]:
+        """Write `stem`.nc and, if asked for, `stem`.png; returns their names."""
+        work = (parts, readouts, prediction, stem, self.chart)
+        try:
+            self.line.send(work)
+            answer = self.line.recv()
+        except (EOFError, OSError):  # the process was killed: do it here
+            return write_files(*work)
+        if isinstance(answer, HybridError):
+            raise answer
+        files: list[str] = answer
+        return files
+
+
+def write_files(
+    parts: Parts,
+    readouts: dict[str, dict[str, Any]],
+    prediction: list[dict[str, Any]] | None,
+    stem: Path,
+    chart: bool,
+) -> list[str]:
+    """Write the record and the strip chart; each file appears whole or not at all."""
+    import xarray as xr
+
+    record = xr.Dataset(*parts)
+    record_file = stem.with_name(stem.name + ".nc")
+    write_dataset(record, record_file)
+    if not chart:
+        return [str(record_file)]
+    from hybrid.charts.strip import save, strip_chart
+
+    figure = strip_chart(record, readouts=readouts, prediction=prediction)
+    chart_file = stem.with_name(stem.name + ".png")
+    write_whole(chart_file, lambda part: save(figure, part))
+    return [str(record_file), str(chart_file)]
+
+
+def _serve(line: Connection, chart: bool) -> None:
+    """Load what writing needs, then do one piece of work. Ctrl-C is the main process's business."""
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    import netCDF4  # noqa: F401
+    import xarray  # noqa: F401
+
+    if chart:
+        import hybrid.charts.strip  # noqa: F401
+    try:
+        answer: Any = write_files(*line.recv())
+    except EOFError:
+        return
+    except HybridError as error:
+        answer = error
+    line.send(answer)

@@ -1,0 +1,130 @@
+"""What is known of a patch while it is read: every name with its role, and the dimensions found."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from enum import Enum
+
+from hybrid.errors import PatchError, Place, did_you_mean, quoted
+from hybrid.fields import Fields, FullScale, check_name, one_kind, only_keys, table_of
+from hybrid.language import ADC_KEYS, DAC_KEYS, DIGITAL_KEYS, ERROR_KEYS, Key
+from hybrid.units import Dimension
+from hybrid.yamltree import Table
+
+# More than any patch has; a file of more would take minutes to compile and gigabytes to run.
+MOST_ENTRIES = {
+    "parameters": 5000,
+    "analog": 1000,
+    "interface": 1000,
+    "program": 5000,
+    "readouts": 1000,
+}
+
+
+class Role(Enum):
+    """What a name stands for."""
+
+    PARAMETER = "parameter"
+    COMPONENT = "analog signal"
+    DAC = "DAC"
+    ADC = "ADC"
+    WORD = "program word"
+
+
+# How a name of each other role gets onto the analog side.
+_WAY_TO_ANALOG = {
+    Role.PARAMETER: "a parameter becomes a signal through constant:",
+    Role.ADC: "what an ADC reads stays in the program; take the signal that it samples",
+    Role.WORD: "a word enters the analog side through a dac in the interface",
+}
+
+
+class Book:
+    """The names of a patch, each defined once, and what the sections read so far have added."""
+
+    def __init__(self, root: Table) -> None:
+        """Take down every name that `root` defines, in the order written."""
+        self.root = root
+        self.roles: dict[str, Role] = {}
+        self.places: dict[str, Place] = {}
+        self.scope: dict[str, Dimension | None] = {}  # parameters, for arithmetic
+        self.units: dict[str, str] = {}  # in which the parameters are written
+        self.scales: dict[str, FullScale] = {}  # of analog signals, DACs and ADCs
+        for section in root.entries:
+            if section in ("parameters", "analog", "interface"):
+                self._take_section(section)
+            elif section == "digital":
+                self._take_words()
+        converters = self.named(Role.ADC, Role.DAC)
+        if converters and "digital" not in root.entries:
+            first = min((self.places[name] for name in converters), key=lambda place: place.line)
+            raise PatchError("converters need a digital machine; add digital:", first)
+
+    def section(self, name: str) -> Table | None:
+        """A section that is a mapping, or None where it is absent."""
+        tree = self.root.entries.get(name)
+        return None if tree is None else _limited(table_of(tree, name, "name: value"), name)
+
+    def fields(self, table: Table, what: str, keys: Iterable[Key], place: Place) -> Fields:
+        """Reader for the mapping of the name at `place`, whose numbers may use the parameters."""
+        return Fields(table, what, keys, self.scope, place)
+
+    def named(self, *roles: Role) -> tuple[str, ...]:
+        """Names of these roles, sorted."""
+        return tuple(sorted(name for name, role in self.roles.items() if role in roles))
+
+    @property
+    def signals(self) -> frozenset[str]:
+        """All that can be recorded."""
+        return frozenset(self.roles) - frozenset(self.named(Role.PARAMETER))
+
+    def require_analog(self, name: str, doing: str, place: Place) -> None:
+        """Refuse a cord from anything but an analog signal; `doing` begins the message."""
+        role = self.roles.get(name)
+        if role in (Role.COMPONENT, Role.DAC):
+            return
+        if role:
+            raise PatchError(f"{doing} the {role.value} {name!r}; {_WAY_TO_ANALOG[role]}", place)
+        hint = did_you_mean(name, self.named(Role.COMPONENT, Role.DAC))
+        raise PatchError(f"{doing} unknown signal {quoted(name)}; {hint}", place)
+
+    def _take_section(self, section: str) -> None:
+        for name, tree, place in self.section(section) or ():
+            if section == "interface":
+                table = table_of(tree, f"converter {quoted(name)}")
+                role = _converter_role(name, table, place)
+            else:
+                role = Role.PARAMETER if section == "parameters" else Role.COMPONENT
+            self._take(name, role, place)
+
+    def _take_words(self) -> None:
+        digital = table_of(self.root.entries["digital"], "digital")
+        only_keys(digital, DIGITAL_KEYS, "digital", self.root.places["digital"])
+        program = table_of(digital.entries["program"], "program", "word: arithmetic")
+        if not program.entries:
+            raise PatchError("the program has no words; give word: arithmetic", program.place)
+        for name, _, place in _limited(program, "program"):
+            self._take(name, Role.WORD, place)
+
+    def _take(self, name: str, role: Role, place: Place) -> None:
+        what = "signal" if role is Role.COMPONENT else role.value
+        check_name(name, place, what)
+        if name in self.roles:
+            first = f"the {self.roles[name].value} in line {self.places[name].line}"
+            raise PatchError(f"{name!r} is defined twice, first as {first}; rename one", place)
+        self.roles[name], self.places[name] = role, place
+
+
+def _limited(table: Table, section: str) -> Table:
+    most = MOST_ENTRIES.get(section)
+    if most is not None and len(table.entries) > most:
+        raise PatchError(
+            f"{section} has {len(table.entries)} entries; at most {most} are allowed", table.place
+        )
+    return table
+
+
+def _converter_role(name: str, table: Table, place: Place) -> Role:
+    beside = {key.name for key in (*ADC_KEYS, *DAC_KEYS, *ERROR_KEYS)} - {"adc", "dac"}
+    kind = one_kind(table, ("adc", "dac"), beside, f"converter {quoted(name)}", place)
+    return Role.ADC if kind == "adc" else Role.DAC

@@ -1,0 +1,49 @@
+"""What crosses the sections: units agree from end to end of every cord."""
+
+from __future__ import annotations
+
+from hybrid.components import CATALOG
+from hybrid.errors import PatchError, quoted
+from hybrid.expressions import dimension_of, to_text
+from hybrid.fields import in_words
+from hybrid.patch import Component, Dac, Program, Value
+from hybrid.patchfile.book import Book
+from hybrid.units import PURE, TIME
+
+
+def check_cords(
+    book: Book,
+    components: tuple[Component, ...],
+    dacs: tuple[Dac, ...],
+    program: Program | None,
+) -> None:
+    """Raise PatchError for the first cord that cannot be."""
+    if not components and not program:
+        raise PatchError("the patch is empty; it needs analog: or digital:", book.root.place)
+    for component in components:
+        for signal, value in component.terms:
+            _check_coefficient(book, component, signal, value)
+    dimensions = {a.word: a.dimension for a in program.assignments} if program else {}
+    for dac in dacs:
+        dimension = dimensions[dac.word]
+        if dimension not in (None, PURE, dac.dimension):
+            raise PatchError(
+                f"DAC {dac.name!r} converts {dac.word!r}, which is {in_words(dimension or PURE)}; "
+                f"by its full_scale it must be {in_words(dac.dimension, dac.unit)}",
+                dac.place,
+            )
+
+
+def _check_coefficient(book: Book, component: Component, signal: str, value: Value) -> None:
+    """A coefficient turns the unit of its input into that of the component."""
+    source = book.scales[signal]
+    wanted, rate = component.dimension / source.dimension, ""
+    if CATALOG[component.kind].per_second:
+        wanted, rate = wanted / TIME, " per second"
+    found = dimension_of(value.expr, book.scope)
+    if found not in (None, PURE, wanted):
+        raise PatchError(
+            f"{value.what} is {quoted(to_text(value.expr))}; it turns {source.unit or 'a number'} into "
+            f"{component.unit or 'a number'}{rate}, so it must be {in_words(wanted)}",
+            value.place,
+        )

@@ -1,0 +1,72 @@
+"""The sections `run`, `record` and `readouts`: how long, and what comes out."""
+
+from __future__ import annotations
+
+from hybrid.errors import PatchError, Place, did_you_mean, quoted
+from hybrid.fields import check_name, one_kind, table_of
+from hybrid.language import READOUT_KEYS, READOUT_KINDS, RUN_KEYS, Holds, Key
+from hybrid.patch import Readout, RunSettings
+from hybrid.patchfile.book import Book
+from hybrid.yamltree import Sequence, Text, Tree, kind_of
+
+DEFAULT_ROWS, MOST_ROWS = 1_000_000, 100_000_000
+
+
+def read_run(book: Book) -> RunSettings:
+    """Length of the run and density of its record."""
+    table = table_of(book.root.entries["run"], "run")
+    place = book.root.places["run"]
+    fields = book.fields(table, "run", RUN_KEYS, place)
+    values = fields.quantities(RUN_KEYS)
+    if "every" not in values and "digital" not in book.root.entries:
+        raise PatchError(
+            "run: without a digital machine the record needs its interval; add every: TIME", place
+        )
+    max_rows = fields.integer("max_rows", 2, MOST_ROWS, DEFAULT_ROWS)
+    return RunSettings(values["until"], values.get("every"), max_rows)
+
+
+def read_record(book: Book) -> tuple[str, ...]:
+    """The signals to keep, in the order given; () for all."""
+    tree = book.root.entries.get("record")
+    if tree is None:
+        return ()
+    if not isinstance(tree, Sequence):
+        raise PatchError(
+            f"record must be a list of signals, such as [theta, alpha], not {kind_of(tree)}",
+            tree.place,
+        )
+    if not tree.items:
+        raise PatchError("record is empty; name signals, or leave it out for all", tree.place)
+    known, found = book.signals, dict[str, None]()
+    for item in tree.items:
+        if not isinstance(item, Text) or not item.text:
+            raise PatchError(f"record is a list of signals, not of {kind_of(item)}", item.place)
+        if item.text not in known:
+            hint = did_you_mean(item.text, known)
+            raise PatchError(f"record: unknown signal {quoted(item.text)}; {hint}", item.place)
+        found[item.text] = None
+    return tuple(found)
+
+
+def read_readouts(book: Book) -> tuple[Readout, ...]:
+    """The readouts, sorted by name."""
+    entries = sorted(book.section("readouts") or (), key=lambda entry: entry[0])
+    return tuple(_readout(book, name, tree, place) for name, tree, place in entries)
+
+
+def _readout(book: Book, name: str, tree: Tree, place: Place) -> Readout:
+    check_name(name, place, "readout")
+    what = f"readout {name!r}"
+    table = table_of(tree, what, "quantity: signal")
+    kind = one_kind(table, READOUT_KINDS, [key.name for key in READOUT_KEYS], what, place)
+    main = Key(kind, Holds.SIGNAL, READOUT_KINDS[kind], required=True)
+    fields = book.fields(table, what, (main, *READOUT_KEYS), place)
+    signal = fields.text(kind)
+    if signal not in book.signals:
+        hint = did_you_mean(signal, book.signals)
+        raise PatchError(
+            f"{what}: unknown signal {quoted(signal)}; {hint}", fields.tree(kind).place
+        )
+    values = fields.quantities(READOUT_KEYS)
+    return Readout(name, kind, signal, values.get("from"), values.get("until"), place)

@@ -1,0 +1,70 @@
+"""The section `parameters`: named numbers that the command line may set."""
+
+from __future__ import annotations
+
+from hybrid.errors import PatchError, did_you_mean, quoted
+from hybrid.expressions import ExpressionError, names, parse
+from hybrid.fields import value_of
+from hybrid.graph import dependency_order, find_loop
+from hybrid.patch import Parameter
+from hybrid.patchfile.book import Book
+from hybrid.units import PURE, Dimension, UnitError, unit_of
+from hybrid.yamltree import Text
+
+
+def read_parameters(book: Book) -> dict[str, Parameter]:
+    """Every parameter; a parameter may be computed from others, in any order."""
+    texts = _texts(book)
+    needs = {name: _needed(name, tree, texts) for name, tree in texts.items()}
+    loop = find_loop(needs)
+    if loop:
+        path = " -> ".join((*loop, loop[0]))
+        raise PatchError(
+            f"circular parameters: {path}; give one of them a value of its own",
+            book.places[loop[0]],
+        )
+    parameters: dict[str, Parameter] = {}
+    for name in dependency_order(needs):
+        tree = texts[name]
+        value, dimension = value_of(tree, f"parameter {name!r}", book.scope)
+        unit, factor = _unit(tree.text, dimension, parameters)
+        parameters[name] = Parameter(name, value, unit, factor, dimension or PURE)
+        book.scope[name], book.units[name] = dimension or PURE, unit
+    return parameters
+
+
+def _texts(book: Book) -> dict[str, Text]:
+    found = {}
+    for name, tree, _ in book.section("parameters") or ():
+        if not isinstance(tree, Text) or not tree.text:
+            raise PatchError(f"parameter {name!r} needs a value, such as 1 ms", tree.place)
+        found[name] = tree
+    return found
+
+
+def _needed(name: str, tree: Text, known: dict[str, Text]) -> list[str]:
+    """Names of the parameters that a parameter's text uses."""
+    try:
+        needed = sorted(names(parse(tree.text, known.keys())))
+    except ExpressionError as error:
+        raise PatchError(f"parameter {name!r}: {error}", tree.place) from None
+    for other in needed:
+        if other not in known:
+            hint = did_you_mean(other, known.keys() - {name})
+            raise PatchError(
+                f"parameter {name!r}: unknown parameter {quoted(other)}; {hint}", tree.place
+            )
+    return needed
+
+
+def _unit(
+    text: str, dimension: Dimension | None, before: dict[str, Parameter]
+) -> tuple[str, float]:
+    """Unit in which a parameter is shown: as written, or that of the parameter it equals."""
+    if text in before:
+        return before[text].unit, before[text].factor
+    try:
+        unit, factor, _ = unit_of(text)
+    except UnitError:
+        return ("" if dimension is None or dimension.is_pure else str(dimension)), 1.0
+    return unit, factor

@@ -1,0 +1,107 @@
+"""A whole patch: the file, then its sections in the order in which each needs the ones before."""
+
+from __future__ import annotations
+
+import codecs
+from pathlib import Path
+
+from hybrid.errors import PatchError, Place
+from hybrid.fields import Fields
+from hybrid.language import TOP_KEYS
+from hybrid.patch import Component, Dac, Patch, Value
+from hybrid.patchfile.analog import read_components, read_machine
+from hybrid.patchfile.book import Book
+from hybrid.patchfile.cords import check_cords
+from hybrid.patchfile.interface import read_adcs, read_dacs
+from hybrid.patchfile.outcome import read_readouts, read_record, read_run
+from hybrid.patchfile.parameters import read_parameters
+from hybrid.patchfile.program import read_program
+from hybrid.yamltree import LARGEST_FILE, read_yaml
+
+
+def read_patch(source: str | Path) -> Patch:
+    """Read and validate the patch file at `source`.
+
+    Raises PatchError for a file that cannot be read or a patch that is wrong in any way.
+    """
+    place = Place(str(source))
+    try:
+        with Path(source).open("rb") as file:
+            # One more than allowed and no further: a device may have no end.
+            content = file.read(LARGEST_FILE + 1)
+    except OSError as error:
+        reason = error.strerror or str(error)
+        raise PatchError(f"cannot be read: {reason}; give a patch file", place) from None
+    except ValueError:
+        raise PatchError(
+            "cannot be read: no file has such a name; give a patch file", place
+        ) from None
+    if len(content) > LARGEST_FILE:
+        raise PatchError(f"the file is too long; a patch has at most {LARGEST_FILE} bytes", place)
+    if content.startswith((codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE)):
+        raise PatchError("the file is in UTF-16; save it as UTF-8", place)
+    try:
+        text = content.decode("utf-8")
+    except UnicodeDecodeError as error:
+        line = content.count(b"\n", 0, error.start) + 1
+        raise PatchError(
+            "not a text in UTF-8; a patch is a YAML file in UTF-8", Place(str(source), line)
+        ) from None
+    return parse_patch(text, str(source))
+
+
+def parse_patch(text: str, file: str = "<text>") -> Patch:
+    """Validate a patch given as YAML text; `file` is the name used in messages."""
+    root = read_yaml(text, file)
+    top = Fields(root, "the patch", TOP_KEYS, {})
+    title, description = top.line("title"), top.text("description", "")
+    book = Book(root)
+    parameters = read_parameters(book)
+    machine = read_machine(book)
+    components = read_components(book)
+    dacs = read_dacs(book)
+    adcs = read_adcs(book)
+    program = read_program(book)
+    check_cords(book, components, dacs, program)
+    patch = Patch(
+        title,
+        description,
+        file,
+        text,
+        machine,
+        parameters,
+        components,
+        adcs,
+        dacs,
+        program,
+        read_run(book),
+        read_record(book),
+        read_readouts(book),
+    )
+    _try_numbers(patch)
+    return patch
+
+
+def _try_numbers(patch: Patch) -> None:
+    """Evaluate every number once with the default parameters, so that mistakes show at once."""
+    scope = patch.bind()
+    for value in _numbers(patch):
+        value.number(scope)
+
+
+def _numbers(patch: Patch) -> list[Value]:
+    found = [*patch.machine.errors.values()]
+    parts: list[Component | Dac] = [*patch.components, *patch.dacs]
+    for part in parts:
+        found += [part.full_scale, *part.errors.values()]
+    for component in patch.components:
+        found += [*component.values.values(), *(value for _, value in component.terms)]
+    optional = [patch.run.until, patch.run.every, *(dac.initial for dac in patch.dacs)]
+    for adc in patch.adcs:
+        optional += [adc.range, adc.conversion_time]
+    if patch.program:
+        program = patch.program
+        optional += [program.period, program.compute_time, program.skew, *program.remember.values()]
+    for readout in patch.readouts:
+        optional += [readout.start, readout.end]
+    return found + [value for value in optional if value]

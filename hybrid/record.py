@@ -1,0 +1,167 @@
+"""The record of a run: an xarray.Dataset in problem units that says where it comes from.
+
+Stage 5. xarray is imported only where a Dataset is made or written.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import os
+import platform
+import tempfile
+from collections.abc import Callable, Mapping
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from hybrid.errors import RunError
+from hybrid.machine import Floats, Machine, Pen
+from hybrid.version import __version__
+
+if TYPE_CHECKING:
+    import xarray as xr
+
+
+def pens_for(machine: Machine, readouts_only: bool = False) -> tuple[Pen, ...]:
+    """The signals to record: those the patch names, in its order, and those its readouts need."""
+    patch = machine.patch
+    read = sorted({readout.signal for readout in patch.readouts})
+    shown = () if readouts_only else patch.record or patch.signals
+    return tuple(_pen(machine, name) for name in dict.fromkeys((*shown, *read)))
+
+
+def _pen(machine: Machine, name: str) -> Pen:
+    analog, patch = machine.analog, machine.patch
+    units = signal_units(machine)
+    factor = units[name][1]
+    if name in analog.signals:
+        index = analog.signals.index(name)
+        kind = "dac" if any(d.name == name for d in patch.dacs) else "analog"
+        return Pen(name, kind, index, float(analog.full_scale[index]) / factor)
+    for index, sampler in enumerate(machine.samplers):
+        if sampler.name == name:
+            return Pen(name, "adc", index, 1.0 / factor)
+    return Pen(name, "word", machine.tape.words.index(name), 1.0 / factor)
+
+
+def signal_units(machine: Machine) -> dict[str, tuple[str, float]]:
+    """Unit text and SI factor in which each signal is shown."""
+    patch = machine.patch
+    shown = {part.name: (part.unit, part.factor) for part in patch.analog_parts}
+    shown |= {adc.name: shown[adc.source] for adc in patch.adcs}
+    by_word = {dac.word: shown[dac.name] for dac in patch.dacs}
+    for assignment in patch.program.assignments if patch.program else ():
+        unknown = assignment.dimension is None or assignment.dimension.is_pure
+        plain = ("" if unknown else str(assignment.dimension), 1.0)
+        shown[assignment.word] = by_word.get(assignment.word, plain)
+    return shown
+
+
+def full_scales(machine: Machine) -> dict[str, float]:
+    """Full scale of each analog and ADC signal in the unit it is shown in; words have none."""
+    units = signal_units(machine)
+    scales = dict(zip(machine.analog.signals, machine.analog.full_scale.tolist(), strict=True))
+    found = {name: scale / units[name][1] for name, scale in scales.items()}
+    for sampler in machine.samplers:
+        found[sampler.name] = sampler.range_mu * sampler.to_si / units[sampler.name][1]
+    return found
+
+
+def parameter_texts(machine: Machine) -> dict[str, str]:
+    """Every parameter as a reader would write it, such as '1 ms'."""
+    texts = {}
+    for name, value in machine.parameters.items():
+        parameter = machine.patch.parameters[name]
+        texts[name] = f"{value / parameter.factor:.12g} {parameter.unit}".strip()
+    return texts
+
+
+Parts = tuple[dict[str, Any], dict[str, Any], dict[str, Any]]
+
+
+def record_parts(
+    machine: Machine,
+    pens: tuple[Pen, ...],
+    time_s: Floats,
+    rows: Floats,
+    facts: Mapping[str, str | int | float],
+) -> Parts:
+    """Variables, coordinates and attributes of a record, ready for xarray.Dataset(*parts).
+
+    One variable per pen, shape (rows,), in problem units; coordinate `time` in s. `facts` are the
+    run's own attributes: seed, cycles, status, status_note, rows_note, overloads, readouts.
+    """
+    units, scales = signal_units(machine), full_scales(machine)
+    variables = {
+        pen.name: (
+            "time",
+            np.ascontiguousarray(rows[:, i]),
+            {
+                "units": units[pen.name][0],
+                "full_scale": scales.get(pen.name, float("nan")),
+                "kind": pen.kind,
+            },
+        )
+        for i, pen in enumerate(pens)
+    }
+    patch = machine.patch
+    attributes = {
+        "title": patch.title,
+        "patch": patch.file,
+        "patch_hash": hashlib.sha256(patch.text.encode()).hexdigest(),
+        "machine": machine.preset,
+        "serial": machine.serial,
+        "cycle_s": machine.cycle_s,
+        "parameters": json.dumps(parameter_texts(machine)),
+        "versions": json.dumps(_versions()),
+        **facts,
+    }
+    return variables, {"time": ("time", time_s, {"units": "s"})}, attributes
+
+
+def _versions() -> dict[str, str]:
+    from numba import __version__ as numba_version
+
+    return {
+        "hybrid": __version__,
+        "numpy": np.__version__,
+        "numba": numba_version,
+        "python": platform.python_version(),
+    }
+
+
+def write_dataset(dataset: xr.Dataset, path: Path) -> None:
+    """Write NetCDF; the file appears whole or not at all. Raises RunError where it cannot."""
+    write_whole(path, lambda part: dataset.to_netcdf(part, engine="netcdf4"))
+
+
+def write_whole(path: Path, write: Callable[[str], Any]) -> None:
+    """Call `write(name)` for a file beside `path`, then put it in place."""
+    part = ""
+    try:
+        handle, part = tempfile.mkstemp(suffix=path.suffix, prefix=".hybrid-", dir=path.parent)
+        os.close(handle)
+        write(part)
+        umask = os.umask(0)
+        os.umask(umask)
+        os.chmod(part, 0o666 & ~umask)
+        os.replace(part, path)
+    except OSError as error:
+        raise RunError(f"cannot write {path}: {error.strerror or error}") from None
+    finally:
+        if os.path.exists(part):
+            os.unlink(part)
+
+
+def output_folder(name: str | Path) -> Path:
+    """Make sure that files can be written to the folder; raises RunError before anything is run."""
+    folder = Path(name)
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        with tempfile.TemporaryFile(dir=folder):
+            pass
+    except OSError as error:
+        raise RunError(f"cannot write to folder {folder}: {error.strerror or error}") from None
+    return folder

@@ -1,0 +1,238 @@
+"""run(patch) -> Run: play a compiled machine to its end and read it out.
+
+Stage 5. An interrupted or stopped run keeps what was computed and says so.
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
+from functools import cached_property
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from hybrid.compiler import compile_patch
+from hybrid.engine import kernel
+from hybrid.engine.linear import Overload, Player
+from hybrid.errors import RunError
+from hybrid.machine import Floats, Machine, Pen
+from hybrid.merit import READOUTS
+from hybrid.patch import Patch, Readout
+from hybrid.record import Parts, full_scales, pens_for, record_parts, signal_units
+from hybrid.scale import to_seconds, to_ticks
+from hybrid.timeline import build_timeline
+
+if TYPE_CHECKING:
+    import pandas as pd
+    import xarray as xr
+
+Progress = Callable[[float], None]
+
+LARGEST_SEED = 2**63 - 1
+
+
+@dataclass(frozen=True, eq=False)
+class Run:
+    """What a run gave; `record` is an xarray.Dataset, `readouts` name -> quantities."""
+
+    machine: Machine
+    seed: int
+    cycles: int
+    status: str  # 'complete', 'interrupted' or 'stopped'
+    status_note: str
+    rows_note: str
+    pens: tuple[Pen, ...]
+    time_s: Floats
+    rows: Floats
+    overloads: tuple[dict[str, Any], ...]
+    readouts: dict[str, dict[str, Any]] = field(default_factory=dict)
+
+    @cached_property
+    def record(self) -> xr.Dataset:
+        """Every recorded signal in problem units, with the facts of the run as attributes."""
+        import xarray as xr
+
+        return xr.Dataset(*self.parts())
+
+    def parts(self) -> Parts:
+        """What `record` is made of, without xarray."""
+        facts: dict[str, str | int | float] = {
+            "seed": self.seed,
+            "cycles": self.cycles,
+            "status": self.status,
+            "status_note": self.status_note,
+            "rows_note": self.rows_note,
+            "overloads": json.dumps(self.overloads),
+            "readouts": json.dumps(self.readouts),
+        }
+        return record_parts(self.machine, self.pens, self.time_s, self.rows, facts)
+
+    def to_pandas(self) -> pd.DataFrame:
+        """The record as a DataFrame indexed by time in s."""
+        return self.record.to_dataframe()
+
+    def __repr__(self) -> str:
+        lines = [
+            f"<Run {self.machine.patch.title!r} on {self.machine.preset!r}, seed {self.seed}: "
+            f"{self.cycles} cycles, {len(self.time_s)} rows, {self.status}>"
+        ]
+        lines += [f"  {self.status_note}"] * bool(self.status_note)
+        for name, quantities in self.readouts.items():
+            shown = ", ".join(
+                f"{k} {v:.9g}" if isinstance(v, float) else f"{k}: {v}"
+                for k, v in quantities.items()
+                if v not in (None, "") and not k.endswith("_error")
+            )
+            lines.append(f"  {name}: {shown}")
+        lines += [f"  overload: {o['signal']} at {o['time_s']:.6g} s" for o in self.overloads]
+        return "\n".join(lines)
+
+
+def run(
+    patch: Patch | Machine,
+    parameters: Mapping[str, float] | None = None,
+    *,
+    machine: str | None = None,
+    seed: int = 0,
+    serial: int | None = None,
+    progress: Progress | None = None,
+    readouts_only: bool = False,
+) -> Run:
+    """Run a patch (or a compiled machine) from t = 0 to its end.
+
+    Args: parameters in SI units; machine: preset name; seed for the noise; serial: which machine of
+    the make; progress: called with the fraction done; readouts_only: record only what the readouts
+    need. A KeyboardInterrupt ends the run early and returns what was played. Raises PatchError and
+    RunError for the mistakes of the user.
+    """
+    check_seed(seed)
+    compiled = (
+        patch if isinstance(patch, Machine) else compile_patch(patch, parameters, machine, serial)
+    )
+    timeline = build_timeline(compiled)
+    most = compiled.patch.run.max_rows
+    keep_every = -(-timeline.rows // most)
+    pens = pens_for(compiled, readouts_only)
+    player = Player(compiled, timeline, pens, seed, keep_every)
+    status, note = _play(player, progress)
+    rows_note = f"every {_ordinal(keep_every)} row kept" if keep_every > 1 else ""
+    every_s = to_seconds(compiled.timing.every * keep_every)
+    done_ticks = to_ticks(player.done_s)
+    period = compiled.timing.period
+    result = Run(
+        compiled,
+        seed,
+        done_ticks // period if period else 0,
+        status,
+        note,
+        rows_note,
+        pens,
+        np.arange(len(player.record), dtype=np.float64) * every_s,
+        player.record,
+        _overloads(compiled, player.overloads()),
+    )
+    result.readouts.update(_read_out(result, every_s))
+    return result
+
+
+def check_seed(seed: int) -> None:
+    """Raise RunError for a seed that is none."""
+    if not 0 <= seed <= LARGEST_SEED:
+        raise RunError(f"seed is {seed}; it must be a whole number from 0 to 2^63 - 1")
+
+
+def _play(player: Player, progress: Progress | None) -> tuple[str, str]:
+    try:
+        for done in player.play():
+            if progress:
+                progress(done)
+    except KeyboardInterrupt:
+        return "interrupted", f"interrupted at {player.done_s:.6g} s; the record ends there"
+    if player.outcome == kernel.RUNAWAY:
+        return "stopped", (
+            f"stopped at {player.done_s:.6g} s: a signal went beyond {kernel.RUNAWAY_MU:.0e} times "
+            "its full scale; the patch is unstable"
+        )
+    if player.outcome == kernel.NOT_FINITE:
+        words = [
+            w
+            for w, v in zip(player.machine.tape.words, player.state.words.tolist(), strict=True)
+            if not np.isfinite(v)
+        ]
+        return "stopped", (
+            f"stopped at {player.done_s:.6g} s: the program computed no finite number for "
+            f"{', '.join(words)} (a division by zero, or a root or logarithm of a negative number)"
+        )
+    return "complete", ""
+
+
+def _ordinal(number: int) -> str:
+    suffix = {1: "st", 2: "nd", 3: "rd"}.get(number % 10 if number % 100 not in (11, 12, 13) else 0)
+    return f"{number}{suffix or 'th'}"
+
+
+def _overloads(machine: Machine, found: tuple[Overload, ...]) -> tuple[dict[str, Any], ...]:
+    """In problem units: first time beyond range, worst value with its time, instants beyond."""
+    units, scales = signal_units(machine), full_scales(machine)
+    to_problem = {
+        s.name: s.to_si / units[s.name][1] for s in machine.samplers
+    }  # an ADC's value is in machine units of the signal it samples
+    entries = []
+    for o in found:
+        name = o.signal.removesuffix(" (DAC)")
+        scale = to_problem.get(name, scales[name])
+        entries.append(
+            {
+                "signal": o.signal,
+                "time_s": o.time_s,
+                "value": o.value_mu * scale,
+                "worst_time_s": o.worst_time_s,
+                "instants": o.instants,
+                "units": units[name][0],
+                "full_scale": scales[name],
+            }
+        )
+    return tuple(entries)
+
+
+def _read_out(result: Run, interval_s: float) -> dict[str, dict[str, Any]]:
+    scope = result.machine.parameters
+    columns = {pen.name: i for i, pen in enumerate(result.pens)}
+    found = {}
+    for readout in result.machine.patch.readouts:
+        first, last = _window(readout, scope, result)
+        values = np.ascontiguousarray(result.rows[first:last, columns[readout.signal]])
+        quantities = READOUTS[readout.kind](result.time_s[first:last], values)
+        found[readout.name] = {**quantities, "note": _overload_note(readout, result, last)}
+    return found
+
+
+def _window(readout: Readout, scope: Mapping[str, float], result: Run) -> tuple[int, int]:
+    """First row and row after the last that a readout uses.
+
+    A transient is read up to the first overload on a machine that clips: after that the loop is no
+    longer the one that was patched.
+    """
+    start_s = readout.start.number(scope) if readout.start else 0.0
+    end_s = readout.end.number(scope) if readout.end else np.inf
+    first = int(np.searchsorted(result.time_s, start_s, side="left"))
+    last = int(np.searchsorted(result.time_s, end_s, side="right"))
+    if _cut_by_overload(readout, result):
+        overload_s = result.overloads[0]["time_s"]
+        last = min(last, int(np.searchsorted(result.time_s, overload_s, side="left")))
+    return first, max(last, first)
+
+
+def _cut_by_overload(readout: Readout, result: Run) -> bool:
+    machine = result.machine
+    clips = any(s.clips for s in machine.samplers) or any(h.clips for h in machine.holders)
+    return readout.kind == "transient" and clips and bool(result.overloads)
+
+
+def _overload_note(readout: Readout, result: Run, last: int) -> str:
+    if not _cut_by_overload(readout, result) or last >= len(result.time_s):
+        return ""
+    first = result.overloads[0]
+    return f"read up to the overload of {first['signal']} at {first['time_s']:.6g} s"

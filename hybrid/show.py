@@ -1,0 +1,232 @@
+"""Results in the terminal, as tables. Stage 7; prints, decides nothing."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable, Mapping, Sequence
+from typing import Any
+
+from rich.console import Console
+from rich.markup import escape
+from rich.table import Table
+
+from hybrid.check import Check
+from hybrid.prediction import Prediction
+from hybrid.run import Run
+from hybrid.sweep import Sweep
+
+TRANSIENT = ("omega", "omega_damped", "zeta")
+MOST_SWEEP_ROWS = 12
+MOST_OVERLOADS = 10
+
+
+def figure(value: Any, digits: int = 9) -> str:
+    """A number as a reader wants it; '-' where there is none."""
+    if value is None or (isinstance(value, float) and math.isnan(value)):
+        return "-"
+    return f"{value:.{digits}g}" if isinstance(value, float) else str(value)
+
+
+def table(title: str, columns: Sequence[str], rows: Iterable[Sequence[str]]) -> Table:
+    """A plain table, first column to the left, figures to the right."""
+    made = Table(
+        title=escape(title), title_justify="left", title_style="bold", box=None, pad_edge=False
+    )
+    for i, column in enumerate(columns):
+        made.add_column(escape(column), justify="left" if i == 0 else "right", no_wrap=i > 0)
+    for row in rows:
+        made.add_row(*(escape(cell) for cell in row))
+    return made
+
+
+def show_run(
+    console: Console, run: Run, prediction: Prediction | str, files: Sequence[str]
+) -> None:
+    """What was run, the readouts beside the prediction, the overloads, the files."""
+    machine = run.machine
+    cycles = f"{run.cycles} cycles of {machine.cycle_s:g} s, " if machine.timing.period else ""
+    console.print(f"[bold]{escape(machine.patch.title)}[/]  ({escape(machine.patch.file)})")
+    console.print(
+        f"machine {machine.preset}, seed {run.seed}; {cycles}{len(run.time_s)} rows"
+        + (f" ({run.rows_note})" if run.rows_note else "")
+    )
+    if run.status != "complete":
+        console.print(f"[bold red]{escape(run.status_note)}[/]")
+    modes = prediction.to_dicts() if isinstance(prediction, Prediction) else []
+    for name, quantities in run.readouts.items():
+        console.print()
+        _show_readout(console, name, quantities, modes)
+    if isinstance(prediction, str):
+        console.print(escape(prediction))
+    _show_overloads(console, run.overloads)
+    console.print()
+    for file in files:
+        console.print(f"wrote {escape(file)}", soft_wrap=True)
+
+
+def _show_readout(
+    console: Console, name: str, quantities: Mapping[str, Any], modes: Sequence[Mapping[str, Any]]
+) -> None:
+    if quantities.get("reason"):
+        console.print(f"[bold]{escape(name)}[/]: {escape(str(quantities['reason']))}")
+    elif "zeta" in quantities:
+        mode = nearest_mode(quantities, modes)
+        closed = (mode or {}).get("closed_form")
+        columns = [name, "measured", "+-", "exact", "ideal"]
+        if closed:
+            columns.insert(4, f"Eq. {closed['equation']}")
+        rows = []
+        for quantity in TRANSIENT:
+            unit = "" if quantity == "zeta" else " rad/s"
+            row = [quantity + unit, figure(quantities[quantity], 10)]
+            row.append(figure(quantities.get(quantity + "_error"), 2))
+            row.append(figure(mode.get(quantity) if mode else None, 10))
+            if closed:
+                row.append(figure(closed.get(quantity), 10))
+            ideal = {"omega": "omega_ideal", "zeta": "zeta_ideal"}.get(quantity, "")
+            row.append(figure(mode.get(ideal) if mode else None, 6))
+            rows.append(row)
+        console.print(table("", columns, rows))
+        if closed and closed.get("note"):
+            console.print(f"Eq. {closed['equation']}: {escape(closed['note'])}", style="dim")
+    else:
+        shown = ", ".join(f"{k} {figure(v)}" for k, v in quantities.items() if v not in (None, ""))
+        console.print(f"[bold]{escape(name)}[/]: {escape(shown)}")
+    if quantities.get("note"):
+        console.print(escape(str(quantities["note"])), style="yellow")
+
+
+def nearest_mode(
+    measured: Mapping[str, Any], modes: Sequence[Mapping[str, Any]]
+) -> Mapping[str, Any] | None:
+    """The predicted mode that a measured one is, by its place in the plane."""
+    if measured.get("omega") is None:
+        return None
+    oscillating = [m for m in modes if m["omega"] > 0]
+
+    def distance(mode: Mapping[str, Any]) -> float:
+        along = mode["zeta"] * mode["omega"] - measured["zeta"] * measured["omega"]
+        across = mode["omega_damped"] - measured["omega_damped"]
+        return math.hypot(along, across)
+
+    return min(oscillating, key=distance, default=None)
+
+
+def _show_overloads(console: Console, overloads: Sequence[Mapping[str, Any]]) -> None:
+    if not overloads:
+        return
+    rows = [
+        (
+            o["signal"],
+            figure(o["time_s"], 7),
+            f"{figure(o['value'], 5)} {o['units']}".strip(),
+            figure(o["worst_time_s"], 7),
+            figure(o["full_scale"], 5),
+        )
+        for o in overloads[:MOST_OVERLOADS]
+    ]
+    console.print()
+    columns = ("overload", "first at s", "worst", "at s", "full scale")
+    console.print(table("", columns, rows), style="red")
+    if len(overloads) > MOST_OVERLOADS:
+        console.print(f"and {len(overloads) - MOST_OVERLOADS} more")
+
+
+def show_prediction(console: Console, prediction: Prediction) -> None:
+    """Modes, each with its closed form and its ideal."""
+    machine = prediction.machine
+    console.print(f"[bold]{escape(machine.patch.title)}[/] on machine {machine.preset}: prediction")
+    for mode in prediction.to_dicts():
+        closed = mode["closed_form"]
+        columns = ["mode", "exact"] + ([f"Eq. {closed['equation']}"] if closed else []) + ["ideal"]
+        rows = []
+        for quantity in TRANSIENT:
+            row = [quantity + ("" if quantity == "zeta" else " rad/s"), figure(mode[quantity], 10)]
+            if closed:
+                row.append(figure(closed.get(quantity), 10))
+            row.append(figure(mode.get(quantity + "_ideal"), 6))
+            rows.append(row)
+        console.print(table("", columns, rows))
+        if closed and closed.get("note"):
+            console.print(f"Eq. {closed['equation']}: {escape(closed['note'])}", style="dim")
+    if not prediction.modes:
+        console.print("the patch has no modes: nothing in it integrates")
+    if prediction.max_damping_error is not None:
+        asked = f"damping-ratio error below {prediction.max_damping_error:g}"
+        if prediction.max_cycle_s is None:
+            console.print(f"{asked}: no cycle time exceeds it, up to two samples an oscillation")
+        else:
+            console.print(f"{asked}: T up to [bold]{prediction.max_cycle_s:.9g} s[/]")
+
+
+def show_sweep(console: Console, sweep: Sweep, files: Sequence[str]) -> None:
+    """A selection of the points, the largest difference from the prediction, the files."""
+    console.print(repr(sweep)[1:-1], highlight=False, markup=False)
+    data = sweep.dataset
+    readouts = data["readout"].values.tolist()
+    unit = data[sweep.parameter].attrs["units"]
+    step = max(1, -(-len(sweep.points) // MOST_SWEEP_ROWS))
+    rows = []
+    for i in range(0, len(sweep.points), step):
+        row = [figure(float(data[sweep.parameter].values[i]), 6)]
+        for j in range(len(readouts)):
+            row += [figure(float(data["measured_zeta"].values[i, j]))]
+            row += [figure(float(data["measured_omega"].values[i, j]))]
+        for k in range(data.sizes["mode"]):
+            row += [figure(float(data["predicted_zeta"].values[i, k]))]
+            row += [figure(float(data["predicted_omega"].values[i, k]))]
+        rows.append(row)
+    columns = [f"{sweep.parameter} {unit}".strip()]
+    columns += [f"{name} {q}" for name in readouts for q in ("zeta", "omega")]
+    columns += [f"predicted {q}" for _ in range(data.sizes["mode"]) for q in ("zeta", "omega")]
+    console.print(table("", columns, rows))
+    notes = [p.note for p in sweep.points if p.note]
+    if notes:
+        console.print(f"{len(notes)} points with a note, the first: {escape(notes[0])}")
+    for file in files:
+        console.print(f"wrote {escape(file)}", soft_wrap=True)
+
+
+def show_check(console: Console, check: Check) -> None:
+    """Scaling and static check, potentiometers, loops, prediction."""
+    machine = check.machine
+    console.print(f"[bold]{escape(machine.patch.title)}[/] on machine {machine.preset}: valid")
+    console.print(check.events)
+    rows = [
+        (
+            r.signal,
+            r.kind,
+            f"{figure(r.full_scale, 6)} {r.units}".strip(),
+            figure(r.value, 6),
+            figure(r.value_mu, 6),
+            figure(r.rate_mu, 6),
+        )
+        for r in check.scaling
+    ]
+    columns = ("signal", "kind", "full scale", "at t = 0", "machine units", "rate 1/s")
+    console.print(table("Scaling and static check", columns, rows))
+    settings = [
+        (
+            p.component,
+            p.input,
+            ("-" if p.inverted else "") + f"{p.setting:.4f}",
+            str(p.gain),
+            figure(p.coefficient_mu, 6),
+        )
+        for p in check.pots
+    ]
+    headings = ("component", "input", "setting", "gain", "coefficient")
+    console.print(table("Potentiometers", headings, settings))
+    loops = [
+        (" -> ".join(loop.path), figure(loop.lag_s, 4), "sampled" if loop.sampled else "analog")
+        for loop in check.loops
+    ]
+    if loops:
+        console.print(table("Loops", ("path", "sum of lags s", ""), loops))
+    console.print(f"Prediction: {escape(check.prediction)}")
+
+
+def show_list(console: Console, titles: Mapping[str, tuple[str, str]]) -> None:
+    """Shipped patches: name, title, file."""
+    rows = [(name, title, path) for name, (title, path) in titles.items()]
+    console.print(table("Patches that ship", ("name", "title", "file"), rows), soft_wrap=True)

@@ -1,0 +1,299 @@
+"""sweep(patch, ...): measured and predicted modes for each value of one parameter.
+
+Stage 7. Points are independent; each has its own seed, kept in the result, so that any point can be
+replayed alone. An interrupted sweep keeps the points that are done.
+"""
+
+from __future__ import annotations
+
+import math
+import signal
+import threading
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+import numpy.typing as npt
+
+from hybrid.compiler import compile_patch
+from hybrid.errors import HybridError, PatchError, Place, RunError, did_you_mean, quoted
+from hybrid.machine import Machine
+from hybrid.patch import Patch
+from hybrid.prediction import predict_machine
+from hybrid.run import check_seed, run
+from hybrid.streams import stream
+
+if TYPE_CHECKING:
+    import pandas as pd
+    import xarray as xr
+
+MOST_POINTS = 1_000_000
+# Points handed to a worker at once: enough to hide the hand-over, few enough to share evenly.
+POINTS_PER_BATCH = 20
+# Below this many points starting workers takes longer than the work.
+FEWEST_FOR_WORKERS = 40
+MOST_JOBS = 1000
+
+MEASURED = ("omega", "omega_damped", "zeta", "omega_error", "omega_damped_error", "zeta_error")
+PREDICTED = ("omega", "omega_damped", "zeta", "omega_ideal", "zeta_ideal")
+CLOSED = ("omega", "zeta")
+# Names in the result of a sweep, which the swept parameter joins.
+VARIABLES = frozenset(
+    {"readout", "mode", "status", "note", "overloads", "seed"}
+    | {f"measured_{quantity}" for quantity in MEASURED}
+    | {q if q.endswith("_ideal") else f"predicted_{q}" for q in PREDICTED}
+    | {f"closed_form_{quantity}" for quantity in CLOSED}
+)
+
+
+@dataclass(frozen=True, slots=True)
+class Point:
+    """One value of the swept parameter: what was measured and predicted, or why not."""
+
+    index: int
+    measured: dict[str, dict[str, Any]]
+    modes: tuple[dict[str, Any], ...]
+    status: str
+    note: str
+    overloads: int
+    seed: int
+
+
+@dataclass(frozen=True, eq=False)
+class Sweep:
+    """Points by value; `dataset` is an xarray.Dataset over (value, readout, mode)."""
+
+    patch: Patch
+    parameter: str
+    values: npt.NDArray[np.float64]  # SI
+    points: tuple[Point, ...]  # those done, in order of value index
+    machine: str
+    seed: int
+    status: str  # 'complete' or 'interrupted'
+
+    @cached_property
+    def dataset(self) -> xr.Dataset:
+        """Measured and predicted figures; NaN where there is no answer."""
+        return _dataset(self)
+
+    def to_pandas(self) -> pd.DataFrame:
+        """One row a value, readout and mode."""
+        return self.dataset.to_dataframe()
+
+    def __repr__(self) -> str:
+        failed = sum(p.status != "complete" for p in self.points)
+        return (
+            f"<Sweep {self.patch.title!r} over {self.parameter}: {len(self.points)} of "
+            f"{len(self.values)} points, {failed} without a result, {self.status}>"
+        )
+
+
+def parse_range(text: str, number: Callable[[str], float]) -> npt.NDArray[np.float64]:
+    """Values of 'START:STOP:COUNT' or 'START:STOP:COUNT:log'; `number` reads one end with its unit."""
+    parts = text.split(":")
+    if len(parts) not in (3, 4) or (len(parts) == 4 and parts[3] not in ("log", "lin")):
+        raise RunError(f"range {quoted(text)} must be START:STOP:COUNT or START:STOP:COUNT:log")
+    start, stop = number(parts[0]), number(parts[1])
+    if not parts[2].isdecimal() or len(parts[2]) > 9 or not 1 <= int(parts[2]) <= MOST_POINTS:
+        raise RunError(
+            f"COUNT is {quoted(parts[2])}; it must be a whole number from 1 to {MOST_POINTS}"
+        )
+    count = int(parts[2])
+    if parts[-1] != "log":
+        if not math.isfinite(stop - start):
+            raise RunError(f"range {quoted(text)} is too wide; bring its ends nearer or use :log")
+        return np.linspace(start, stop, count)
+    if start <= 0 or stop <= 0:
+        raise RunError(f"a logarithmic range needs both ends above 0, not {start:g} and {stop:g}")
+    values = np.geomspace(start, stop, count)
+    values[0], values[-1] = start, (stop if count > 1 else start)
+    return values
+
+
+def check_sweep(
+    patch: Patch,
+    over: str,
+    values: npt.NDArray[np.float64],
+    parameters: Mapping[str, float],
+    machine: str | None = None,
+    serial: int | None = None,
+    jobs: int | None = None,
+) -> Machine:
+    """Raise PatchError or RunError for what would stop every point; gives the first one's machine."""
+    if over not in patch.parameters:
+        hint = did_you_mean(over, patch.parameters)
+        raise PatchError(f"no parameter {quoted(over)} to sweep; {hint}", Place(patch.file))
+    if over in parameters:
+        raise RunError(f"{over} is both set and swept; leave out one of them")
+    if over in VARIABLES:
+        raise RunError(
+            f"the parameter {over} cannot be swept: the result has a variable of that name; "
+            "rename the parameter"
+        )
+    if values.ndim != 1 or not len(values) or not np.all(np.isfinite(values)):
+        raise RunError("the values of a sweep are a list of at least one finite number")
+    if jobs is not None and not 1 <= jobs <= MOST_JOBS:
+        raise RunError(f"jobs is {jobs}; it must be a whole number from 1 to {MOST_JOBS}")
+    return compile_patch(patch, {**parameters, over: float(values[0])}, machine, serial)
+
+
+def sweep(
+    patch: Patch,
+    over: str,
+    values: Sequence[float] | npt.NDArray[np.float64],
+    parameters: Mapping[str, float] | None = None,
+    *,
+    machine: str | None = None,
+    seed: int = 0,
+    serial: int | None = None,
+    jobs: int | None = None,
+    progress: Callable[[float], None] | None = None,
+) -> Sweep:
+    """Run and predict the patch for each of `values` (SI) of parameter `over`.
+
+    Args: parameters: other parameters, SI; machine: preset name; jobs: worker processes (default: all
+    cores); progress: called with the fraction done. A point that cannot be run or measured is kept
+    with its reason. Raises PatchError or RunError where no point could ever work.
+    """
+    check_seed(seed)
+    numbers = np.asarray(values, dtype=np.float64)
+    order = {**(parameters or {})}
+    first = check_sweep(patch, over, numbers, order, machine, serial, jobs)
+    task = _Task(patch, over, order, machine, serial, seed)
+    points, status = [], "complete"
+    try:
+        for batch in _batches(task, numbers, jobs):
+            points.extend(batch)
+            if progress:
+                progress(len(points) / len(numbers))
+    except KeyboardInterrupt:
+        status = "interrupted"
+    points.sort(key=lambda point: point.index)
+    return Sweep(patch, over, numbers, tuple(points), first.preset, seed, status)
+
+
+@dataclass(frozen=True, slots=True)
+class _Task:
+    """What all points share; travels to the workers."""
+
+    patch: Patch
+    over: str
+    parameters: dict[str, float]
+    machine: str | None
+    serial: int | None
+    seed: int
+
+    def points(self, batch: list[tuple[int, float]]) -> list[Point]:
+        return [self.point(index, value) for index, value in batch]
+
+    def point(self, index: int, value: float) -> Point:
+        """Run, read out and predict one value."""
+        seed = int(stream(self.seed, "sweep", self.over, str(index)).integers(2**53))
+        overrides = {**self.parameters, self.over: value}
+        try:
+            compiled = compile_patch(self.patch, overrides, self.machine, self.serial)
+            modes: tuple[dict[str, Any], ...] = ()
+            note = ""
+            try:
+                modes = tuple(predict_machine(compiled).to_dicts())
+            except RunError as error:
+                note = f"no prediction: {error}"
+            result = run(compiled, seed=seed, readouts_only=True)
+        except HybridError as error:
+            return Point(index, {}, (), "failed", str(error), 0, seed)
+        notes = "; ".join(n for n in (note, result.status_note) if n)
+        overloads = len(result.overloads)
+        return Point(index, result.readouts, modes, result.status, notes, overloads, seed)
+
+
+def _batches(
+    task: _Task, values: npt.NDArray[np.float64], jobs: int | None
+) -> Iterator[list[Point]]:
+    """Points in batches, from all cores or wherever joblib is told to work (a Dask cluster too).
+
+    Costly values (short cycles) are spread over the batches.
+    """
+    pairs = list(enumerate(values.tolist()))
+    if len(pairs) < FEWEST_FOR_WORKERS or jobs == 1:
+        for pair in pairs:
+            yield task.points([pair])
+        return
+    import joblib
+
+    count = -(-len(pairs) // POINTS_PER_BATCH)
+    parallel = joblib.Parallel(n_jobs=jobs or -1, return_as="generator_unordered")
+    yield from parallel(joblib.delayed(_work)(task, pairs[i::count]) for i in range(count))
+
+
+def _work(task: _Task, batch: list[tuple[int, float]]) -> list[Point]:
+    """One batch in a worker; Ctrl-C goes to the main process, which keeps what is done."""
+    if threading.current_thread() is threading.main_thread():
+        signal.signal(signal.SIGINT, signal.SIG_IGN)
+    return task.points(batch)
+
+
+def _dataset(result: Sweep) -> xr.Dataset:
+    import xarray as xr
+
+    parameter = result.patch.parameters[result.parameter]
+    points = result.points
+    readouts = sorted(r.name for r in result.patch.readouts if r.kind == "transient")
+    modes = max((len(p.modes) for p in points), default=0)
+    shape = (len(points), len(readouts))
+    variables: dict[str, Any] = {}
+    for quantity in MEASURED:
+        table = np.full(shape, np.nan)
+        for i, point in enumerate(points):
+            for j, name in enumerate(readouts):
+                table[i, j] = _number(point.measured.get(name, {}).get(quantity))
+        unit = {"units": "" if quantity.startswith("zeta") else "rad/s"}
+        variables[f"measured_{quantity}"] = ((result.parameter, "readout"), table, unit)
+    for quantity in PREDICTED:
+        name = quantity if quantity.endswith("_ideal") else f"predicted_{quantity}"
+        variables[name] = _mode_table(result, modes, quantity)
+    for quantity in CLOSED:
+        variables[f"closed_form_{quantity}"] = _mode_table(result, modes, quantity, closed=True)
+    for fact in ("status", "note"):
+        texts = np.array([getattr(p, fact) for p in points], dtype=object)
+        variables[fact] = ((result.parameter,), texts)
+    variables["overloads"] = (
+        (result.parameter,),
+        np.array([p.overloads for p in points], dtype=int),
+    )
+    variables["seed"] = ((result.parameter,), np.array([p.seed for p in points], dtype=np.int64))
+    values = result.values[[p.index for p in points]] / parameter.factor
+    forms = [m["closed_form"]["equation"] for p in points for m in p.modes if m["closed_form"]]
+    return xr.Dataset(
+        variables,
+        {
+            result.parameter: ((result.parameter,), values, {"units": parameter.unit}),
+            "readout": ("readout", np.array(readouts, dtype=object)),
+            "mode": ("mode", np.arange(modes)),
+        },
+        {
+            "title": result.patch.title,
+            "patch": result.patch.file,
+            "machine": result.machine,
+            "seed": result.seed,
+            "status": result.status,
+            "parameter": result.parameter,
+            "closed_form": "Eq. " + forms[0] if forms else "",
+        },
+    )
+
+
+def _mode_table(
+    result: Sweep, modes: int, quantity: str, closed: bool = False
+) -> tuple[tuple[str, str], npt.NDArray[np.float64]]:
+    table = np.full((len(result.points), modes), np.nan)
+    for i, point in enumerate(result.points):
+        for j, mode in enumerate(point.modes):
+            figures = (mode["closed_form"] or {}) if closed else mode
+            table[i, j] = _number(figures.get(quantity))
+    return (result.parameter, "mode"), table
+
+
+def _number(value: Any) -> float:
+    return math.nan if value is None else float(value)

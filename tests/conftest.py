@@ -1,0 +1,131 @@
+"""What the tests share: play a patch in one call, and matrix exponentials in decimals."""
+
+import math
+from dataclasses import dataclass
+from decimal import Decimal, localcontext
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from hybrid.compiler import compile_patch
+from hybrid.engine.linear import Player
+from hybrid.machine import Machine
+from hybrid.patchfile import parse_patch, read_patch
+from hybrid.record import pens_for
+from hybrid.scale import to_seconds
+from hybrid.timeline import build_timeline
+
+PATCHES = Path(__file__).parent.parent / "patches"
+DIGITS = 120  # forty squarings of a stiff matrix cost at most as many digits
+SERIES_TERMS = 60  # 0.1**60 / 60! is far below 10**-DIGITS
+
+
+@dataclass(frozen=True)
+class Played:
+    """A finished run: `played["theta"]` is a column of the record, in the unit it is shown in."""
+
+    machine: Machine
+    player: Player
+
+    @property
+    def time_s(self):
+        every = self.machine.timing.every * self.player.keep_every
+        return np.array([to_seconds(k * every) for k in range(len(self.player.record))])
+
+    def __getitem__(self, name):
+        columns = [pen.name for pen in pens_for(self.machine)]
+        return self.player.record[:, columns.index(name)]
+
+
+@pytest.fixture(scope="session")
+def shipped():
+    """Text of a patch of the repository, by name; pairs (old, new) are replaced in it."""
+
+    def text(name, *changes):
+        found = (PATCHES / f"{name}.yaml").read_text(encoding="utf-8")
+        for old, new in changes:
+            assert old in found, f"{name}.yaml no longer holds {old!r}"
+            found = found.replace(old, new)
+        return found
+
+    return text
+
+
+@pytest.fixture(scope="session")
+def compiled():
+    """Machine from the text of a patch."""
+
+    def machine(text, parameters=None, preset=None, serial=None):
+        return compile_patch(parse_patch(text), parameters, preset, serial)
+
+    return machine
+
+
+@pytest.fixture(scope="session")
+def start():
+    """Player of a machine, nothing played yet."""
+
+    def player(machine, seed=0, keep_every=1):
+        return Player(machine, build_timeline(machine), pens_for(machine), seed, keep_every)
+
+    return player
+
+
+@pytest.fixture(scope="session")
+def play(compiled, start):
+    """Compile the text of a patch and play it to its end."""
+
+    def played(text, parameters=None, preset=None, *, seed=0, serial=None):
+        machine = compiled(text, parameters, preset, serial)
+        player = start(machine, seed)
+        for _ in player.play():
+            pass
+        return Played(machine, player)
+
+    return played
+
+
+@pytest.fixture(scope="session")
+def pitch_loop():
+    """The shipped patch of Fig. 4, read from its file."""
+    return read_patch(PATCHES / "pitch_loop.yaml")
+
+
+@pytest.fixture(scope="session")
+def exact_change():
+    """exp(matrix) - I in decimals, rounded once at the end; small matrices only."""
+
+    def change(matrix):
+        with localcontext(prec=DIGITS):
+            total = _series(matrix)
+            return np.array([[float(entry) for entry in row] for row in total])
+
+    return change
+
+
+def _series(matrix):
+    entries = [[Decimal(float(entry)) for entry in row] for row in matrix]
+    norm = float(np.max(np.sum(np.abs(matrix), axis=1)))
+    halvings = max(0, math.ceil(math.log2(norm)) + 4) if norm > 0 else 0
+    small = [[entry / 2**halvings for entry in row] for row in entries]
+    term, total = small, small
+    for k in range(2, SERIES_TERMS):
+        term = [[entry / k for entry in row] for row in _product(term, small)]
+        total = _sum(total, term)
+    for _ in range(halvings):
+        total = _sum(_sum(total, total), _product(total, total))
+    return total
+
+
+def _sum(left, right):
+    return [[a + b for a, b in zip(p, q, strict=True)] for p, q in zip(left, right, strict=True)]
+
+
+def _product(left, right):
+    columns = list(zip(*right, strict=True))
+    return [[_dot(row, column) for column in columns] for row in left]
+
+
+def _dot(row, column):
+    return sum((a * b for a, b in zip(row, column, strict=True) if a and b), Decimal(0))

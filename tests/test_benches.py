@@ -1,0 +1,218 @@
+"""Benches run and hold: each by its own verdict, the notebook by the figures of its conclusion."""
+
+import importlib
+import json
+import math
+import re
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from hybrid import theory
+
+BENCHES = Path(__file__).parent.parent / "benches"
+NOTEBOOK = BENCHES / "damping_against_T.ipynb"
+SCRIPTS = sorted(path for path in BENCHES.glob("*.py") if path.name != "bench.py")
+
+
+# -- benches as programs ----------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("script", SCRIPTS, ids=lambda path: path.stem)
+def test_bench_passes_and_prints_one_json_object(script, tmp_path):
+    pytest.importorskip("control", reason="benches need the extra 'bench'")
+    command = [sys.executable, str(script), "--quick", "--json"]
+    done = subprocess.run(command, capture_output=True, text=True, timeout=300, cwd=tmp_path)
+    assert done.returncode == 0, done.stdout + done.stderr
+    facts = json.loads(done.stdout)
+    assert facts["bench"] == script.stem
+    assert facts["quick"] is True
+    assert facts["passed"] is True
+    tables = [value for value in facts.values() if isinstance(value, list)]
+    assert tables and all(tables)
+    flags = [
+        row[key] for table in tables for row in table for key in ("passed", "agrees") if key in row
+    ]
+    assert flags and all(flag is True for flag in flags)
+    assert list(tmp_path.iterdir()) == []  # a bench leaves nothing behind
+
+
+# -- a bench must be able to fail -------------------------------------------------------------------
+
+
+@pytest.fixture
+def coupling_bench(monkeypatch):
+    """The module benches/coupling_predictions.py."""
+    monkeypatch.syspath_prepend(str(BENCHES))
+    return importlib.import_module("coupling_predictions")
+
+
+@pytest.fixture
+def lead_rows(coupling_bench):
+    """Rows of Eq. 2.2 at three values of omega_p T."""
+    case = next(c for c in coupling_bench.CASES if c.equation == "2.2")
+    return [row for x in (0.01, 0.03, 0.1) for row in coupling_bench.rows_of(case, x)]
+
+
+def test_bounds_refuse_figures_that_are_off(coupling_bench, lead_rows):
+    row = lead_rows[-1]
+    assert (row["quantity"], row["x"]) == ("zeta", 0.1)
+    assert coupling_bench.within_bounds(row)
+    assert not coupling_bench.within_bounds({**row, "measured_error": 2e-9})
+    assert not coupling_bench.within_bounds({**row, "exact_error": 1e-10})
+    # The next term with the wrong sign, or left out.
+    assert not coupling_bench.within_bounds({**row, "beside_next_term": 2 * row["next_term"]})
+    assert not coupling_bench.within_bounds({**row, "beside_next_term": row["next_term"]})
+
+
+def test_the_order_of_the_lead_is_told_from_the_papers(coupling_bench, lead_rows):
+    assert all(order["passed"] for order in coupling_bench.damping_orders(lead_rows))
+    paper = [
+        {**row, **{s: -(row["x"] ** 4) for s in ("root", "exact", "measured")}}
+        if row["quantity"] == "zeta"
+        else row
+        for row in lead_rows
+    ]
+    damping, growth = coupling_bench.damping_orders(paper)
+    assert damping["measured"] == pytest.approx(4, abs=1e-9)
+    assert not damping["passed"] and not growth["passed"]
+
+
+@pytest.mark.parametrize(("passed", "code", "word"), [(True, 0, "PASS"), (False, 1, "FAIL")])
+def test_verdict_and_exit_code(monkeypatch, capsys, passed, code, word):
+    monkeypatch.syspath_prepend(str(BENCHES))
+    bench = importlib.import_module("bench")
+    table = bench.Table(
+        "rows",
+        "A title",
+        {"x": ("x", ".2f"), "none": ("none", ""), "": ("passed", "")},
+        [{"x": 0.5, "none": None, "passed": passed}],
+    )
+    assert bench.finish("some/name.py", bench.Options(True, False), [table], passed, "why") == code
+    last = capsys.readouterr().out.splitlines()[-1]
+    assert last.split() == [f"{word}:", "why"]
+    assert bench.finish("some/name.py", bench.Options(True, True), [table], passed, "why") == code
+    facts = json.loads(capsys.readouterr().out)
+    assert facts["passed"] is passed and facts["rows"] == [dict(table.rows[0])]
+
+
+# -- the notebook -----------------------------------------------------------------------------------
+
+
+def read_notebook():
+    nbformat = pytest.importorskip("nbformat", reason="notebooks need the extra 'bench'")
+    return nbformat.read(NOTEBOOK, as_version=4)
+
+
+@pytest.fixture(scope="module")
+def executed(tmp_path_factory):
+    """The notebook, run again from its source in a fresh kernel."""
+    nbclient = pytest.importorskip("nbclient", reason="notebooks need the extra 'bench'")
+    pytest.importorskip("ipykernel", reason="notebooks need the extra 'bench'")
+    notebook, folder = read_notebook(), tmp_path_factory.mktemp("notebook")
+    for cell in code_cells(notebook):
+        cell.outputs, cell.execution_count = [], None
+    client = nbclient.NotebookClient(
+        notebook,
+        timeout=300,
+        kernel_name="python3",
+        coalesce_streams=True,
+        resources={"metadata": {"path": str(folder)}},
+    )
+    client.execute()
+    return notebook
+
+
+def code_cells(notebook):
+    return [cell for cell in notebook.cells if cell.cell_type == "code"]
+
+
+def printed(cell):
+    return "".join(o.text for o in cell.outputs if o.output_type == "stream" and o.name == "stdout")
+
+
+def figure_count(notebook):
+    outputs = [output for cell in code_cells(notebook) for output in cell.outputs]
+    return sum("image/png" in output.get("data", {}) for output in outputs)
+
+
+def numbers(line):
+    return [float(text) for text in re.findall(r"(?<![\w.])-?\d+\.\d+", line)]
+
+
+def test_stored_notebook_shows_its_figures_and_nothing_of_a_machine():
+    notebook = read_notebook()
+    assert NOTEBOOK.stat().st_size < 1_500_000
+    assert notebook.metadata.kernelspec.name == "python3"
+    assert figure_count(notebook) == 4
+    for cell in code_cells(notebook):
+        assert cell.execution_count is not None
+        for output in cell.outputs:
+            assert output.output_type in ("stream", "display_data")
+            assert output.get("name", "stdout") == "stdout"
+            text = output.get("text", "") + output.get("data", {}).get("text/plain", "")
+            assert not re.search(r"(^|\s|['\"(])(/|[A-Z]:\\)\w", text)
+
+
+def test_executed_again_the_notebook_prints_what_is_stored(executed):
+    stored = [printed(cell) for cell in code_cells(read_notebook())]
+    assert [printed(cell) for cell in code_cells(executed)] == stored
+    assert figure_count(executed) == 4
+
+
+def test_slopes_in_the_notebook(executed):
+    """Slopes of a fit up to W = 0.1 lie between the leading power and the local slope at 0.1.
+
+    zeta = -3/4 W (1 - W^2), -1/2 W^3 (1 + 35/24 W^2), -1/2 W (1 - 0.58 W^2) for five equal lags, and
+    |z| - 1 = 1/2 W^4 (1 + 2 W^2); c W^2 changes a slope by 2 c W^2. Half a unit of the last printed
+    digit is allowed besides.
+    """
+    text = next(printed(c) for c in code_cells(executed) if printed(c).startswith("slopes"))
+    rows = {line.split(",")[0 if "|z|" in line else 1][:9]: line for line in text.splitlines()[1:]}
+    expected = {" Eq. 2.1": (1, -2), " Eq. 2.2": (3, 35 / 12), " Eq. 2.3": (1, -1.16)}
+    for key, (order, slope) in {**expected, "|z| - 1": (4, 4.0)}.items():
+        measured, exact = numbers(rows[key])[-2:]
+        low, high = sorted((order, order + slope * 0.1**2))
+        assert low - 5e-4 <= measured <= high + 5e-4
+        assert low - 5e-4 <= exact <= high + 5e-4
+
+
+def test_rules_of_the_conclusion_hold_in_theory(executed):
+    """Every limit printed, put back into the exact roots, gives the error it is printed for."""
+    (cell,) = (c for c in code_cells(executed) if "rules" in c.metadata.get("tags", []))
+    rows = [line for line in printed(cell).splitlines() if "%" in line]
+    assert [numbers(row)[0] / 100 for row in rows] == [0.01, 0.001, 0.0001]
+    for row in rows:
+        error, plain_zeta, plain_omega, lead_zeta, lead_omega, lags = numbers(row)
+        error /= 100
+        # Half a unit of the last digit printed, relative to the smallest figure of its column, times
+        # the order of the error in omega_p T.
+        close = {"rel": 3 * 5e-5 / 0.0131}
+        assert -theory.exact_uncompensated(1, plain_zeta).zeta == pytest.approx(error, rel=0.004)
+        assert 1 - theory.exact_uncompensated(1, plain_omega).omega == pytest.approx(error, **close)
+        assert -theory.exact_lead(1, lead_zeta).zeta == pytest.approx(error, **close)
+        assert theory.exact_lead(1, lead_omega).omega - 1 == pytest.approx(error, **close)
+        # zeta = -x/2 (1 - 0.58 x^2), and x is 0.02 at most.
+        five = theory.exact_all_analog(1, [lags / 5] * 5)
+        assert -five.zeta == pytest.approx(error, rel=0.6 * 0.02**2)
+
+
+def test_the_text_of_the_conclusion_quotes_the_rules():
+    """Limits in the text are those of theory, rounded down so that they stay limits."""
+    text = read_notebook().cells[-1].source
+    quoted = [float(t) for t in re.findall(r"omega_p T \\le (\d\.\d+)\$", text)]
+    plain, lead_damping, lead_frequency = quoted
+    for limit, digits, error in (
+        (plain, 4, lambda w: -theory.exact_uncompensated(1, w).zeta),
+        (lead_damping, 3, lambda w: -theory.exact_lead(1, w).zeta),
+        (lead_frequency, 3, lambda w: theory.exact_lead(1, w).omega - 1),
+    ):
+        assert error(limit) <= 0.01 < error(limit + 10**-digits)
+    cycles = [int(t) for t in re.findall(r"(\d+)(?: digital)? cycles in\s+each oscillation", text)]
+    # From the unrounded limits, so one more or less than from those quoted.
+    assert cycles == pytest.approx([2 * math.pi / w for w in quoted], abs=1.5)
+    assert "first without lead, third with it" in text
+    (floor,) = (float(t) for t in re.findall(r"omega_p T\$ below (\d\.\d+)", text))
+    assert floor == pytest.approx((10 * 6e-6) ** (1 / 3), abs=5e-4)

@@ -1,0 +1,343 @@
+"""The timeline against a brute-force list of events, and what coincident events do to the values."""
+
+from dataclasses import replace
+from fractions import Fraction
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from hybrid.errors import PatchError
+from hybrid.machine import Holder, Sampler, StepEvent, Timing
+from hybrid.patchfile import parse_patch
+from hybrid.scale import TICKS_PER_SECOND, to_seconds, to_ticks
+from hybrid.timeline import Happening, build_timeline
+
+MS = TICKS_PER_SECOND // 1000
+ORDER = ("SAMPLE", "CONVERT", "START", "END", "LATCH", "SOURCE", "RECORD")
+PIPES = {  # periods of computing
+    "none": 0,
+    "half": Fraction(1, 2),
+    "one": 1,
+    "two and a half": Fraction(5, 2),
+    "seven": 7,
+}
+
+
+@pytest.fixture(scope="module")
+def machine(shipped, compiled):
+    """The pitch loop, whose clockwork the tests replace."""
+    return compiled(shipped("pitch_loop"))
+
+
+def rewired(machine, timing, adcs=(), dacs=1, steps=()):
+    """The machine with other timing; `adcs` lists (delay, conversion), `steps` their times."""
+    samplers = [Sampler(f"s{i}", 0, 1.0, 1.0, 0.0, False, d, c) for i, (d, c) in enumerate(adcs)]
+    holders = [Holder(f"h{i}", 0, 1, 1.0, 0.0, False) for i in range(dacs)]
+    changes = [StepEvent(f"step{i}", 1, 1.0, tick) for i, tick in enumerate(steps)]
+    parts = {"samplers": tuple(samplers), "holders": tuple(holders), "steps": tuple(changes)}
+    return replace(machine, timing=timing, **parts)
+
+
+def brute_force(timing, adcs, dacs, steps):
+    """Every event up to the end, from the definition: sorted by time, written order, index."""
+    events = [(tick, 5, i) for i, tick in enumerate(steps)]
+    events += [(tick, 6, 0) for tick in range(0, timing.until + 1, timing.every)]
+    for begin in range(0, timing.until + 1, timing.period) if timing.period else ():
+        events += [(begin + delay, 0, i) for i, (delay, _) in enumerate(adcs)]
+        events += [(begin + delay + conversion, 1, i) for i, (delay, conversion) in enumerate(adcs)]
+        ready = begin + max((delay + conversion for delay, conversion in adcs), default=0)
+        events += [(ready, 2, 0), (ready + timing.compute, 3, 0)]
+        events += [(ready + timing.compute, 4, i) for i in range(dacs)]
+    return sorted(event for event in events if event[0] <= timing.until)
+
+
+def listed(timeline):
+    return [(t, int(kind), i) for t, kind, i in timeline if kind != Happening.REST]
+
+
+def check_against_brute_force(machine, timing, adcs=(), dacs=1, steps=()):
+    timeline = build_timeline(rewired(machine, timing, adcs, dacs, steps))
+    assert listed(timeline) == brute_force(timing, adcs, dacs, steps)
+    check_segments(timeline, timing)
+    return timeline
+
+
+def check_segments(timeline, timing):
+    """Back to back, events inside and in order, each stretch ending in a rest."""
+    at = 0
+    for segment in timeline.segments:
+        assert segment.start == at and segment.repeats >= 1
+        assert segment.events[-1] == (segment.length, Happening.REST, 0)
+        assert list(segment.events) == sorted(segment.events)
+        at += segment.length * segment.repeats
+    assert at == timeline.until == timing.until
+
+
+# --- the written order ---------------------------------------------------------------------------
+
+
+def test_written_order():
+    assert tuple(h.name for h in sorted(Happening))[:-1] == ORDER
+    assert max(Happening) is Happening.REST
+
+
+@given(
+    period=st.integers(0, 12),
+    every=st.integers(1, 15),
+    until=st.integers(1, 300),
+    compute=st.integers(0, 40),
+    adcs=st.lists(st.tuples(st.integers(0, 15), st.integers(0, 15)), max_size=3),
+    dacs=st.integers(0, 2),
+    steps=st.lists(st.integers(0, 320), max_size=3),
+)
+@settings(max_examples=300, deadline=None, derandomize=True)
+def test_any_timeline_equals_brute_force(machine, period, every, until, compute, adcs, dacs, steps):
+    # Small whole ticks make coincidences of every kind common; tiled and flat layouts both occur.
+    timing = Timing(period, compute if period else 0, every, until)
+    steps = sorted(step for step in steps if step <= until)
+    if not period:
+        adcs, dacs = [], 0
+    timeline = check_against_brute_force(machine, timing, adcs, dacs, steps)
+    assert timeline.rows == sum(kind == Happening.RECORD for _, kind, _ in timeline)
+    assert timeline.cycles == (until // period if period else 0)
+
+
+@pytest.mark.parametrize("periods", PIPES.values(), ids=PIPES)
+def test_compute_time_in_periods(machine, periods):
+    timing = Timing(2 * MS, int(2 * MS * periods), 2 * MS, 301 * MS)
+    timeline = check_against_brute_force(machine, timing, [(0, 0)])
+    assert any(segment.repeats > 100 for segment in timeline.segments)
+    starts = [t for t, kind, _ in timeline if kind == Happening.START]
+    ends = [t for t, kind, _ in timeline if kind == Happening.END]
+    assert len(starts) == 151 and len(ends) == (301 * MS - timing.compute) // (2 * MS) + 1
+    assert {e - s for s, e in zip(starts, ends, strict=False)} == {timing.compute}
+
+
+def test_conversion_time_and_channels_with_skew(machine):
+    timing = Timing(10 * MS, 25 * MS, 4 * MS, 2003 * MS)
+    adcs = [(2 * MS, 300), (0, 700), (5 * MS, 0)]
+    timeline = check_against_brute_force(
+        machine, timing, adcs, dacs=2, steps=[0, 20 * MS, 777 * MS]
+    )
+    # The record interval and the period meet every 20 ms: that stretch is what repeats.
+    assert {segment.length for segment in timeline.segments if segment.repeats > 1} == {20 * MS}
+
+
+def test_steps_break_the_repetition_and_no_more(machine):
+    timing = Timing(MS, MS, MS, 1000 * MS)
+    steps = [0, MS, 499 * MS, 500 * MS + 1, 500 * MS + 1, 700 * MS, 1000 * MS]
+    timeline = check_against_brute_force(machine, timing, [(0, 0)], steps=steps)
+    assert len(timeline.segments) <= 2 + 2 * 4
+    late = check_against_brute_force(machine, timing, [(0, 0)], steps=[])
+    assert listed(late) == [e for e in listed(timeline) if e[1] != Happening.SOURCE]
+    dropped = build_timeline(rewired(machine, timing, [(0, 0)], steps=[1000 * MS + 1]))
+    assert listed(dropped) == listed(late)
+
+
+@pytest.mark.parametrize("until", [1, MS - 1, MS, MS + 1, 10 * MS, 1000 * MS - 1, 1000 * MS + 1])
+def test_end_that_is_no_multiple_of_the_period(machine, until):
+    check_against_brute_force(machine, Timing(MS, MS // 2, MS, until), [(0, 0)])
+
+
+def test_analog_machine_alone(machine):
+    timeline = check_against_brute_force(machine, Timing(0, 0, 7, 1000), dacs=0, steps=[3, 14, 15])
+    assert timeline.cycles == 0 and timeline.rows == 143
+
+
+def test_digital_machine_without_converters(machine):
+    check_against_brute_force(machine, Timing(3, 4, 5, 200), adcs=[], dacs=0)
+
+
+# --- exact time -----------------------------------------------------------------------------------
+
+
+def nth(timeline, kind, number):
+    """Tick of event `number` (from 0) of a kind, from the segments alone."""
+    for segment in timeline.segments:
+        offsets = [offset for offset, k, _ in segment.events if k == kind]
+        if number < len(offsets) * segment.repeats:
+            repeat, place = divmod(number, len(offsets))
+            return segment.start + repeat * segment.length + offsets[place]
+        number -= len(offsets) * segment.repeats
+    raise AssertionError("no such event")
+
+
+def clock_of(period, until, **more):
+    text = "\n".join(f"  {key}: {value}" for key, value in more.items())
+    return parse_patch(f"""
+title: A clock
+parameters: {{T: {period}}}
+digital:
+  period: T
+  compute_time: T
+  program: {{tick: 1}}
+run:
+  until: {until}
+{text}
+""")
+
+
+@pytest.mark.parametrize(
+    ("period", "ticks"),
+    [
+        ("0.1 ms", 10**11),
+        ("1/3e3", 333_333_333_333),  # to the nearest femtosecond
+        ("0.7 us", 7 * 10**8),
+        ("1 ns", 10**6),
+        ("0.3", 3 * 10**14),
+    ],
+)
+def test_event_k_is_at_k_periods_after_1e8_cycles(period, ticks, compiled):
+    until_s = 1e8 * ticks / 1e15
+    machine = compiled(clock_of(period, repr(until_s)).text)
+    timeline = build_timeline(machine)
+    assert machine.timing.period == ticks
+    # 1e8 periods of 1/3 ms, to the nearest femtosecond each, end 33 ns before the run does.
+    assert abs(timeline.cycles - 10**8) <= 1
+    assert len(timeline.segments) <= 4
+    for k in (0, 1, 2, 3, 12_345, 99_999_999):
+        assert nth(timeline, Happening.START, k) == k * ticks
+        assert nth(timeline, Happening.RECORD, k) == k * ticks
+        if k:
+            assert nth(timeline, Happening.END, k - 1) == k * ticks
+
+
+@given(st.integers(1, 10**9), st.integers(0, 14), st.integers(1, 10**6))
+@settings(max_examples=300, derandomize=True)
+def test_multiples_of_a_period_land_on_its_ticks(mantissa, places, factor):
+    # Arithmetic in floats such as 3 * 0.1 must not move an instant. The period is a decimal of at
+    # most 15 digits that is a whole number of femtoseconds; so is its multiple.
+    exact = Fraction(mantissa, 10**places)
+    period_s = float(exact)
+    assert to_ticks(period_s) == exact * TICKS_PER_SECOND
+    if mantissa * factor < 10**15:
+        assert to_ticks(factor * period_s) == factor * to_ticks(period_s)
+        assert to_ticks((factor * period_s) / factor) == to_ticks(period_s)
+
+
+@given(st.integers(0, 10**20))
+@settings(derandomize=True)
+def test_seconds_are_the_nearest_float(ticks):
+    assert to_seconds(ticks) == float(Fraction(ticks, TICKS_PER_SECOND))
+
+
+@given(st.integers(0, 10**15 - 1))
+@settings(derandomize=True)
+def test_ticks_of_seconds_come_back(ticks):
+    assert to_ticks(to_seconds(ticks)) == ticks
+
+
+def test_periods_without_common_multiple_are_refused_when_long(machine, shipped, compiled):
+    text = shipped("pitch_loop", ("until: 10 s", "until: 5000 s, every: 0.0009999999999 s"))
+    with pytest.raises(PatchError, match=r"no short common multiple.*make one a small multiple"):
+        build_timeline(compiled(text))
+
+
+# --- the values at an instant -----------------------------------------------------------------------
+
+COUNTER = """
+title: A ramp of 1 unit a second, sampled and shown again
+machine: ideal
+analog:
+  one: {step: 1, at: 0 s, full_scale: 16}
+  ramp: {integrate: {rate: 1}, initial: 0, full_scale: 128}
+  rate: {step: 0, at: 7 s, before: 1, full_scale: 16}
+  jump: {step: 5, at: 3 s, before: 2, full_scale: 16}
+interface:
+  s: {adc: jump}
+  r: {adc: ramp}
+  e: {adc: echo}
+  echo: {dac: w, full_scale: 128, initial: -1}
+digital:
+  period: 1 s
+  compute_time: COMPUTE
+  program: {w: r + 1, seen: s, held: e}
+run: {until: 10 s}
+"""
+
+
+def test_sample_sees_before_and_record_shows_after(play):
+    played = play(COUNTER.replace("COMPUTE", "0 s"))
+    t = np.arange(11.0)
+    np.testing.assert_array_equal(played["ramp"], np.minimum(t, 7))
+    # The record shows x+: at 3 s the new value, at 0 s the source that changes at once.
+    np.testing.assert_array_equal(played["jump"], np.where(t < 3, 2, 5))
+    np.testing.assert_array_equal(played["one"], np.ones(11))
+    np.testing.assert_array_equal(played["rate"], np.where(t < 7, 1, 0))
+    # The sample sees x-: at 3 s the old one.
+    np.testing.assert_array_equal(played["seen"], np.where(t <= 3, 2, 5))
+    # With no compute time the answer to the sample at t is shown at t, but a sample of the DAC taken
+    # at t sees what was held until then.
+    np.testing.assert_array_equal(played["echo"], np.minimum(t, 7) + 1)
+    np.testing.assert_array_equal(played["held"], [-1, *played["echo"][:-1]])
+
+
+@pytest.mark.parametrize("periods", [0, 1, 2, 7])
+def test_answers_come_after_whole_periods(periods, play):
+    played = play(COUNTER.replace("COMPUTE", f"{periods} s"))
+    expected = [-1] * periods + [min(k, 7) + 1 for k in range(11 - periods)]
+    np.testing.assert_array_equal(played["echo"], expected)
+    # A word reads 0 until the first result is there.
+    np.testing.assert_array_equal(played["w"], [0] * periods + expected[periods:])
+
+
+def test_answers_come_after_two_periods_and_a_half(play):
+    played = play(COUNTER.replace("COMPUTE", "2.5 s").replace("10 s}", "10 s, every: 0.5 s}"))
+    t = np.arange(21) / 2
+    sampled = np.minimum(np.floor(t - 2.5), 7)
+    np.testing.assert_array_equal(played["echo"], np.where(t < 2.5, -1, sampled + 1))
+
+
+@pytest.mark.parametrize("conversion", ["0.25 s", "0.75 s"])
+def test_conversion_time_delays_the_word_not_the_sample(conversion, play):
+    text = COUNTER.replace("COMPUTE", "0 s").replace(
+        "{adc: ramp}", f"{{adc: ramp, conversion_time: {conversion}}}"
+    )
+    played = play(text.replace("10 s}", "10 s, every: 0.25 s}"))
+    t = np.arange(41) / 4
+    done = np.floor(t - float(conversion.split()[0]))
+    np.testing.assert_array_equal(played["r"], np.where(done < 0, 0, np.minimum(done, 7)))
+    np.testing.assert_array_equal(played["echo"], np.where(done < 0, -1, np.minimum(done, 7) + 1))
+
+
+@pytest.mark.parametrize("conversion", ["1 s", "1.5 s"])
+def test_conversion_longer_than_the_period_is_refused(conversion, compiled):
+    # The next sample would overwrite the one still being converted, and the delay would vanish.
+    text = COUNTER.replace("COMPUTE", "0 s").replace(
+        "{adc: ramp}", f"{{adc: ramp, conversion_time: {conversion}}}"
+    )
+    with pytest.raises(PatchError, match=r":11: .*conversion_time.*not shorter than the period"):
+        compiled(text)
+
+
+def test_skew_moves_the_sample(play):
+    text = COUNTER.replace("COMPUTE", "0 s").replace("{adc: ramp}", "{adc: ramp, channel: 3}")
+    played = play(text.replace("compute_time: 0 s", "compute_time: 0 s\n  skew: 0.25 s"))
+    t = np.arange(11.0)
+    # Sampled at k + 0.75: the word of the row at t is that of the cycle before.
+    expected = np.where(t == 0, 0, np.minimum(t - 0.25, 7))
+    np.testing.assert_array_equal(played["r"], expected)
+    np.testing.assert_array_equal(played["echo"], np.where(t == 0, -1, expected + 1))
+
+
+def test_ties_in_name_order_and_all_before_the_record(play):
+    # Two sources change at the instant at which a DAC latches and a row is taken.
+    text = COUNTER.replace("COMPUTE", "1 s").replace("at: 7 s", "at: 3 s")
+    played = play(text)
+    assert (played["rate"][3], played["jump"][3], played["echo"][3]) == (0, 5, 3)
+    assert (played["seen"][3], played["ramp"][3]) == (2, 3)
+
+
+def test_a_program_alone_counts_its_cycles(play):
+    text = """
+title: A counter
+digital:
+  period: 1 s
+  remember: {n: 0}
+  program: {n: previous(n) + 1}
+run: {until: 5 s}
+"""
+    # The first result, 1, is there after one cycle.
+    np.testing.assert_array_equal(play(text)["n"], [0, 1, 2, 3, 4, 5])
