@@ -10,28 +10,28 @@ from typing import TYPE_CHECKING, Any
 from hybrid.version import __version__ as __version__
 
 if TYPE_CHECKING:
-    from hybrid.check import check as check
+    from hybrid.checks import check as check
     from hybrid.errors import HybridError as HybridError
     from hybrid.errors import PatchError as PatchError
     from hybrid.errors import RunError as RunError
     from hybrid.patchfile import parse_patch as parse_patch
     from hybrid.patchfile import read_patch as read_patch
     from hybrid.prediction import predict as predict
-    from hybrid.run import run as run
+    from hybrid.runs import run as run
     from hybrid.shipped import shipped_patches as shipped_patches
-    from hybrid.sweep import sweep as sweep
+    from hybrid.sweeps import sweep as sweep
 
 _HOMES = {
     "HybridError": "errors",
     "PatchError": "errors",
     "RunError": "errors",
-    "check": "check",
+    "check": "checks",
     "parse_patch": "patchfile",
     "predict": "prediction",
     "read_patch": "patchfile",
-    "run": "run",
+    "run": "runs",
     "shipped_patches": "shipped",
-    "sweep": "sweep",
+    "sweep": "sweeps",
 }
 
 __all__ = sorted(_HOMES)

@@ -219,11 +219,13 @@ class Mode:
                 largest = max(largest, 1.0 + 2.0 * float(np.sum(np.abs(c))))
         return largest
 
+    def is_noisy(self) -> bool:
+        """Whether the residuals are more than rounding."""
+        return self.deviation > EXACT * float(np.max(np.abs(self.values)))
+
     def is_structured(self) -> bool:
         """Whether the residuals are correlated, and are more than rounding."""
-        return self.correlation > 1.0 and self.deviation > EXACT * float(
-            np.max(np.abs(self.values))
-        )
+        return self.correlation > 1.0 and self.is_noisy()
 
     def first_rows_fit(self) -> bool:
         """Whether the first fitted rows hold nothing but the mode."""

@@ -145,7 +145,7 @@ def run_command(options: argparse.Namespace) -> int:
         patch = _with_until(patch, options.until)
     from hybrid.compiler import compile_patch
     from hybrid.record import output_folder
-    from hybrid.run import check_seed, run
+    from hybrid.runs import check_seed, run
     from hybrid.timeline import build_timeline
 
     check_seed(options.seed)
@@ -218,8 +218,8 @@ def sweep_command(options: argparse.Namespace) -> int:
     patch, parameters = _read(options)
     from hybrid.patchfile import parse_override
     from hybrid.record import output_folder, write_dataset
-    from hybrid.run import check_seed
-    from hybrid.sweep import check_sweep, parse_range, sweep
+    from hybrid.runs import check_seed
+    from hybrid.sweeps import check_sweep, parse_range, sweep
 
     check_seed(options.seed)
     name, _, text = options.over.partition("=")
@@ -285,7 +285,7 @@ def sweep_command(options: argparse.Namespace) -> int:
 def check_command(options: argparse.Namespace) -> int:
     """hybrid check."""
     patch, parameters = _read(options)
-    from hybrid.check import check
+    from hybrid.checks import check
 
     result = check(patch, parameters, machine=options.machine, serial=options.serial)
     if options.json:

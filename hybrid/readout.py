@@ -9,6 +9,7 @@ from dataclasses import dataclass, fields
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from hybrid._modal_drift import drift_covariance
 from hybrid._modal_fit import EPS, mode_functions, refine, straight_line_misfit
 from hybrid._modal_search import FEWEST_ROWS, Mode, find_mode
 
@@ -229,12 +230,16 @@ def _errors(mode: Mode) -> tuple[float, float, float]:
     sigma, a0 = mode.poles
     omega = math.sqrt(a0)
     covariance = mode.fit.covariance() * mode.variance
+    drift = drift_covariance(mode) if mode.is_noisy() else None
+    if drift is not None:  # a walk explains the correlation; it need not be counted twice
+        covariance = mode.fit.covariance() * mode.deviation**2 + drift
     slopes = np.array(
         [[0.0, 0.5 / omega], [-1.0 / omega, 0.5 * sigma / omega**3], [-2.0 * sigma, 1.0]]
     )
     errors = np.sqrt(np.abs(np.einsum("ij,jk,ik->i", slopes, covariance, slopes)))
     if mode.weak_part is not None:
         poles, covariance = mode.weak_part
+        covariance = covariance if drift is None else covariance + 2.0 * drift
         scatter = np.sqrt(np.abs(np.einsum("ij,jk,ik->i", slopes, covariance, slopes)))
         errors += np.maximum(0.0, np.abs(slopes @ (poles - mode.fit.poles)) - 3.0 * scatter)
     omega_error, zeta_error, square_error = (float(error) for error in errors)

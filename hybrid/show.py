@@ -10,10 +10,10 @@ from rich.console import Console
 from rich.markup import escape
 from rich.table import Table
 
-from hybrid.check import Check
+from hybrid.checks import Check
 from hybrid.prediction import Prediction
-from hybrid.run import Run
-from hybrid.sweep import Sweep
+from hybrid.runs import Run
+from hybrid.sweeps import Sweep
 
 TRANSIENT = ("omega", "omega_damped", "zeta")
 MOST_SWEEP_ROWS = 12

@@ -70,7 +70,7 @@ def test_bounds_refuse_figures_that_are_off(coupling_bench, lead_rows):
 def test_the_order_of_the_lead_is_told_from_the_papers(coupling_bench, lead_rows):
     assert all(order["passed"] for order in coupling_bench.damping_orders(lead_rows))
     paper = [
-        {**row, **{s: -(row["x"] ** 4) for s in ("root", "exact", "measured")}}
+        {**row, **dict.fromkeys(("root", "exact", "measured"), -(row["x"] ** 4))}
         if row["quantity"] == "zeta"
         else row
         for row in lead_rows

@@ -17,7 +17,7 @@ from hybrid.engine.propagator import (
     square_root,
 )
 from hybrid.patchfile import parse_patch
-from hybrid.run import run
+from hybrid.runs import run
 
 EPS = np.finfo(float).eps
 
@@ -83,7 +83,7 @@ def whole_block(a, b):
     return block
 
 
-# --- noise between two events ----------------------------------------------------------------------
+# --- noise between two events --------------------------------------------------------------------
 
 NOISE = 1e-4
 
@@ -178,7 +178,7 @@ def test_propagator_joins_change_and_noise(shipped, compiled):
     assert found.change.shape == (len(a), sum(machine.analog.b.shape))
 
 
-# --- a hand-written simulation of a hybrid loop ----------------------------------------------------
+# --- a hand-written simulation of a hybrid loop --------------------------------------------------
 
 # The order of coincident events, as the timeline's docstring states it.
 SAMPLE, CONVERT, START, END, LATCH, RECORD = range(6)
@@ -416,7 +416,7 @@ def test_two_loops_with_memory_and_skew_against_a_simulation_by_hand(
     assert played.time_s[1] == 0.004
 
 
-# --- the same bits, however it is played -----------------------------------------------------------
+# --- the same bits, however it is played ---------------------------------------------------------
 
 RESTLESS = (
     ("machine: ideal", "machine: nominal"),
@@ -499,7 +499,7 @@ def test_order_of_entries_changes_no_bit(shipped, play):
     )
 
 
-# --- runs -----------------------------------------------------------------------------------------
+# --- runs ----------------------------------------------------------------------------------------
 
 
 def test_overloads_of_a_growing_loop(shipped, play):

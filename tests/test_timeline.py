@@ -150,7 +150,7 @@ def test_digital_machine_without_converters(machine):
     check_against_brute_force(machine, Timing(3, 4, 5, 200), adcs=[], dacs=0)
 
 
-# --- exact time -----------------------------------------------------------------------------------
+# --- exact time ----------------------------------------------------------------------------------
 
 
 def nth(timeline, kind, number):
@@ -235,7 +235,7 @@ def test_periods_without_common_multiple_are_refused_when_long(machine, shipped,
         build_timeline(compiled(text))
 
 
-# --- the values at an instant -----------------------------------------------------------------------
+# --- the values at an instant --------------------------------------------------------------------
 
 COUNTER = """
 title: A ramp of 1 unit a second, sampled and shown again

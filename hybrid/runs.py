@@ -18,8 +18,8 @@ from hybrid.engine import kernel
 from hybrid.engine.linear import Overload, Player
 from hybrid.errors import RunError
 from hybrid.machine import Floats, Machine, Pen
-from hybrid.merit import READOUTS
 from hybrid.patch import Patch, Readout
+from hybrid.readout import READOUTS
 from hybrid.record import Parts, full_scales, pens_for, record_parts, signal_units
 from hybrid.scale import to_seconds, to_ticks
 from hybrid.timeline import build_timeline
@@ -204,7 +204,10 @@ def _read_out(result: Run, interval_s: float) -> dict[str, dict[str, Any]]:
     for readout in result.machine.patch.readouts:
         first, last = _window(readout, scope, result)
         values = np.ascontiguousarray(result.rows[first:last, columns[readout.signal]])
-        quantities = READOUTS[readout.kind](result.time_s[first:last], values)
+        try:
+            quantities = READOUTS[readout.kind](result.time_s[first:last], values)
+        except ValueError as reason:
+            quantities = {"reason": str(reason)}
         found[readout.name] = {**quantities, "note": _overload_note(readout, result, last)}
     return found
 

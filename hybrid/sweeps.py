@@ -22,7 +22,7 @@ from hybrid.errors import HybridError, PatchError, Place, RunError, did_you_mean
 from hybrid.machine import Machine
 from hybrid.patch import Patch
 from hybrid.prediction import predict_machine
-from hybrid.run import check_seed, run
+from hybrid.runs import check_seed, run
 from hybrid.streams import stream
 
 if TYPE_CHECKING:
