@@ -35,7 +35,7 @@ MOST_SEGMENTS = 16
 FEWEST_SEGMENTS = 6
 KICKS_PER_SEGMENT = 8
 # Excess of the weighted residual, in its own standard deviations, that shows a walk.
-SIGNIFICANT = 1.0
+SIGNIFICANT = 2.5
 # Steeper modes than this die or explode within a segment; there is no walk to be seen.
 STEEPEST = 3.0
 

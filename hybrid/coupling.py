@@ -31,6 +31,9 @@ Complex = npt.NDArray[np.complex128]
 
 # Modes that lose all but this much of themselves in one stretch are results passing through.
 FORGOTTEN = 1e-9
+# Figures that go round the loops: eigenvalues of more would take minutes, and polishing them from
+# here on more than a second.
+LARGEST_MAP, LARGEST_POLISHED = 600, 150
 
 
 @dataclass(frozen=True, slots=True)
@@ -90,7 +93,10 @@ def linear_program(tape: Tape, adcs: int) -> LinearProgram:
     for column, (register, _) in enumerate(tape.memory):
         forms[register] = np.eye(width)[adcs + column]
     for (op, target, a, b), owner in zip(tape.code.tolist(), tape.owner, strict=True):
-        forms[target] = _linear_operation(op, forms[a], forms[b], tape.words[owner])
+        with np.errstate(over="ignore", invalid="ignore"):
+            forms[target] = _linear_operation(op, forms[a], forms[b], tape.words[owner])
+        if not np.all(np.isfinite(forms[target])):
+            raise NotLinear(f"word {tape.words[owner]!r} has a coefficient that is not finite")
     word_of = {register: i for i, register in enumerate(tape.word_registers.tolist())}
     memory = np.array([word_of[r] for r in tape.memory[:, 1].tolist()], dtype=np.int64)
     return LinearProgram(forms[tape.word_registers], adcs, memory)
@@ -265,7 +271,18 @@ def eigenvalues(matrix: Floats) -> Complex:
     large; Newton steps on the eigenvector equation are good to epsilon times each entry."""
     if not len(matrix):
         return np.zeros(0, dtype=complex)
-    values, vectors = np.linalg.eig(matrix)
+    if len(matrix) > LARGEST_MAP:
+        raise NotLinear(
+            f"{len(matrix)} figures go round the loops, at most {LARGEST_MAP} are analysed"
+        )
+    if not np.all(np.isfinite(matrix)):
+        raise NotLinear("the patch runs away within one cycle")
+    try:
+        values, vectors = np.linalg.eig(matrix)
+    except np.linalg.LinAlgError:
+        raise NotLinear("its eigenvalues cannot be found") from None
+    if len(matrix) > LARGEST_POLISHED:
+        return values.astype(complex)
     polished = [_polish(matrix, v, vectors[:, i]) for i, v in enumerate(values.astype(complex))]
     return np.array(polished)
 
@@ -353,7 +370,7 @@ def modes(machine: Machine) -> tuple[Mode, ...]:
     exact = exact_modes(machine)
     try:
         ideal = ideal_modes(machine.patch, machine.overrides)
-    except NotLinear:
+    except HybridError:  # no limit, or a loop that only lags make possible
         ideal = np.zeros(0, dtype=complex)
         pairs = [(s, complex(np.nan, np.nan)) for s in exact]
     else:

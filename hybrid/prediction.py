@@ -16,7 +16,7 @@ import numpy as np
 from hybrid import coupling, theory
 from hybrid.compiler import compile_patch
 from hybrid.coupling import Mode, NotLinear
-from hybrid.errors import RunError
+from hybrid.errors import HybridError, RunError
 from hybrid.expressions import names, previous_names
 from hybrid.graph import simple_loops
 from hybrid.machine import Machine
@@ -127,7 +127,7 @@ def closed_form_case(machine: Machine) -> Case | None:
         if machine.timing.period:
             return _sampled_case(machine)
         return _analog_case(machine)
-    except (NotLinear, np.linalg.LinAlgError):
+    except (HybridError, np.linalg.LinAlgError):
         return None
 
 

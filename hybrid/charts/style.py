@@ -8,6 +8,7 @@ tenth of a second to load; the few formats used here are plain text instead.
 from __future__ import annotations
 
 import math
+import warnings
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field
@@ -95,6 +96,8 @@ def axes_at(figure: Figure, box_in: tuple[float, float, float, float], label: st
 def write(figure: Figure, left_in: float, top_in: float, text: str, **properties: object) -> None:
     """Put text at a place in inches from the figure's top left corner."""
     width, height = figure.get_size_inches()
+    # A title is the user's: a $ in it is a dollar, not mathematics.
+    properties = {"parse_math": False, **properties}
     figure.text(left_in / width, 1 - top_in / height, text, **properties)  # type: ignore[arg-type]
 
 
@@ -319,5 +322,8 @@ def save(figure: Figure, path: str | PathLike[str]) -> Path:
     if target.suffix.lower() != ".png":
         raise RunError(f"charts are written as PNG: the path must end in .png, not {str(path)!r}")
     # Without "Software" the file does not name the Matplotlib release that wrote it.
-    figure.savefig(target, format="png", dpi=DPI, metadata={"Software": None})
+    with warnings.catch_warnings():
+        # A title in a script that the font lacks shows boxes; that is no reason to complain.
+        warnings.filterwarnings("ignore", message="Glyph .* missing", category=UserWarning)
+        figure.savefig(target, format="png", dpi=DPI, metadata={"Software": None})
     return target

@@ -38,8 +38,10 @@ def propagator(analog: Analog, interval_s: float) -> Propagator:
     block = np.zeros((n + m, n + m))
     block[:n, :n] = analog.a
     block[:n, n:] = analog.b
-    change = exponential_minus_one(block * interval_s)[:n]
-    covariance = noise_covariance(analog.a, analog.noise @ analog.noise.T, interval_s)
+    # Where the patch runs away within the interval the figures overflow; the kernel stops on them.
+    with np.errstate(over="ignore", invalid="ignore"):
+        change = exponential_minus_one(block * interval_s)[:n]
+        covariance = noise_covariance(analog.a, analog.noise @ analog.noise.T, interval_s)
     return Propagator(change, square_root(covariance))
 
 
@@ -80,6 +82,8 @@ def noise_covariance(a: Floats, intensity: Floats, interval_s: float) -> Floats:
 
 def square_root(covariance: Floats) -> Floats:
     """S with S S^T = covariance, (n, rank); scaled first, since variances differ by many decades."""
+    if not np.all(np.isfinite(covariance)):
+        return np.full((len(covariance), 1), math.nan)
     deviation = np.sqrt(np.diag(covariance))
     scale = np.where(deviation > 0, deviation, 1.0)
     values, vectors = np.linalg.eigh(covariance / np.outer(scale, scale))
