@@ -10,6 +10,7 @@ in the tenth digit of z.
 
 from __future__ import annotations
 
+import functools
 import itertools
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
@@ -133,8 +134,7 @@ def exact_modes(machine: Machine) -> Complex:
     if not machine.timing.period:
         return eigenvalues(analog.a[np.ix_(keep, keep)])
     change, length_ticks = cycle_map(machine)
-    shift = eigenvalues(change)
-    shift = shift[np.abs(1.0 + shift) > FORGOTTEN]
+    shift = eigenvalues(change, shifted=True)
     modes: Complex = _log_one_plus(shift) / to_seconds(length_ticks)
     return modes
 
@@ -266,9 +266,12 @@ class _Tracker:
 # -- eigenvalues ----------------------------------------------------------------------------------
 
 
-def eigenvalues(matrix: Floats) -> Complex:
+def eigenvalues(matrix: Floats, shifted: bool = False) -> Complex:
     """Eigenvalues, polished: LAPACK's are good to epsilon times the norm, which a lag of 1 us makes
-    large; Newton steps on the eigenvector equation are good to epsilon times each entry."""
+    large; Newton steps on the eigenvector equation are good to epsilon times each entry.
+
+    `shifted`: they are z - 1 of a map; those of results that pass through (z near 0) are left out.
+    """
     if not len(matrix):
         return np.zeros(0, dtype=complex)
     if len(matrix) > LARGEST_MAP:
@@ -281,30 +284,35 @@ def eigenvalues(matrix: Floats) -> Complex:
         values, vectors = np.linalg.eig(matrix)
     except np.linalg.LinAlgError:
         raise NotLinear("its eigenvalues cannot be found") from None
-    if len(matrix) > LARGEST_POLISHED:
-        return values.astype(complex)
-    polished = [_polish(matrix, v, vectors[:, i]) for i, v in enumerate(values.astype(complex))]
-    return np.array(polished)
+    kept = (values.imag >= 0) & (np.abs(1.0 + values) > FORGOTTEN if shifted else True)
+    values, vectors = values[kept].astype(complex), vectors[:, kept].T.astype(complex)
+    if len(matrix) <= LARGEST_POLISHED and len(values):
+        values = _polish(matrix, values, vectors)
+    return np.concatenate([values, values[values.imag > 0].conj()])
 
 
-def _polish(matrix: Floats, value: complex, vector: Complex) -> complex:
-    n = len(matrix)
-    vector = vector / vector[np.argmax(np.abs(vector))]
-    at = int(np.argmax(np.abs(vector)))
+def _polish(matrix: Floats, values: Complex, vectors: Complex) -> Complex:
+    """Newton steps on (matrix - value) vector = 0, all pairs at once; rows of `vectors`."""
+    count, n = vectors.shape
+    pairs, at = np.arange(count), np.argmax(np.abs(vectors), axis=1)
+    vectors = vectors / vectors[pairs, at][:, None]
+    first = values
     for _ in range(3):
-        residual = matrix @ vector - value * vector
-        jacobian = np.zeros((n + 1, n + 1), dtype=complex)
-        jacobian[:n, :n] = matrix - value * np.eye(n)
-        jacobian[:n, n] = -vector
-        jacobian[n, at] = 1.0
+        residual = vectors @ matrix.T - values[:, None] * vectors
+        jacobian = np.zeros((count, n + 1, n + 1), dtype=complex)
+        jacobian[:, :n, :n] = matrix - values[:, None, None] * np.eye(n)
+        jacobian[:, :n, n] = -vectors
+        jacobian[pairs, n, at] = 1.0
+        right = np.concatenate([-residual, np.zeros((count, 1))], axis=1)
         try:
-            step = np.linalg.solve(jacobian, np.append(-residual, 0.0))
+            step = np.linalg.solve(jacobian, right[:, :, None])[:, :, 0]
         except np.linalg.LinAlgError:
-            return value
-        if not np.all(np.isfinite(step)) or abs(step[n]) > 1e-3 * abs(value):
-            return value
-        vector, value = vector + step[:n], value + step[n]
-    return value
+            return first
+        # A step that is not small means a multiple eigenvalue: keep LAPACK's answer there.
+        good = np.all(np.isfinite(step), axis=1) & (np.abs(step[:, n]) <= 1e-3 * np.abs(values))
+        vectors = np.where(good[:, None], vectors + step[:, :n], vectors)
+        values = np.where(good, values + step[:, n], values)
+    return values
 
 
 # -- the ideal patch ------------------------------------------------------------------------------
@@ -331,6 +339,13 @@ def ideal_analog(patch: Patch, scope: Mapping[str, float]) -> Analog:
 
 
 def _ideal(patch: Patch, scope: Mapping[str, float]) -> Complex:
+    return _ideal_once(patch, tuple(sorted(scope.items())))
+
+
+# The ideal does not change with T, so a sweep of T asks for the same one again and again.
+@functools.lru_cache(maxsize=64)
+def _ideal_once(patch: Patch, bound: tuple[tuple[str, float], ...]) -> Complex:
+    scope = dict(bound)
     analog = ideal_analog(patch, scope)
     keep = np.setdiff1d(np.arange(len(analog.states)), analog.sources)
     a = analog.a

@@ -6,6 +6,7 @@ no result, not even in the last bit.
 
 from __future__ import annotations
 
+import functools
 import math
 from collections.abc import Mapping
 
@@ -30,7 +31,16 @@ def build_analog(
     patch: Patch, scope: Mapping[str, float], stages: Mapping[str, OutputStage]
 ) -> tuple[Analog, tuple[StepEvent, ...]]:
     """Lay out and scale the analog side; `stages` gives each component's errors."""
-    return _AnalogLayout(patch, scope, stages).build()
+    used = tuple((name, scope[name]) for name in patch.analog_parameters)
+    return _laid_out(patch, used, tuple(sorted(stages.items(), key=lambda entry: entry[0])))
+
+
+# A sweep of the cycle time meets the same analog side at every point.
+@functools.lru_cache(maxsize=64)
+def _laid_out(
+    patch: Patch, scope: tuple[tuple[str, float], ...], stages: tuple[tuple[str, OutputStage], ...]
+) -> tuple[Analog, tuple[StepEvent, ...]]:
+    return _AnalogLayout(patch, dict(scope), dict(stages)).build()
 
 
 class _AnalogLayout:

@@ -197,6 +197,18 @@ class Patch:
             raise PatchError("circular parameters: " + " -> ".join((*loop, loop[0])), place)
         return dependency_order(needs)
 
+    @functools.cached_property
+    def analog_parameters(self) -> tuple[str, ...]:
+        """Parameters that the analog side depends on, sorted."""
+        values: list[Value] = []
+        for component in self.components:
+            values += [value for _, value in component.terms]
+            values += component.values.values()
+        for part in self.analog_parts:
+            values.append(part.full_scale)
+        values += [dac.initial for dac in self.dacs]
+        return tuple(sorted(frozenset[str]().union(*(names(value.expr) for value in values))))
+
     @property
     def analog_parts(self) -> tuple[Component | Dac, ...]:
         """Everything that drives an analog signal, by name."""
