@@ -24,16 +24,18 @@ def figure(value: Any, digits: int = 9) -> str:
     """A number as a reader wants it; '-' where there is none."""
     if value is None or (isinstance(value, float) and math.isnan(value)):
         return "-"
-    return f"{value:.{digits}g}" if isinstance(value, float) else str(value)
+    return f"{value + 0.0:.{digits}g}" if isinstance(value, float) else str(value)
 
 
-def table(title: str, columns: Sequence[str], rows: Iterable[Sequence[str]]) -> Table:
-    """A plain table, first column to the left, figures to the right."""
+def table(
+    title: str, columns: Sequence[str], rows: Iterable[Sequence[str]], wrap: bool = False
+) -> Table:
+    """A plain table, first column to the left (`wrap`: over several lines), figures to the right."""
     made = Table(
         title=escape(title), title_justify="left", title_style="bold", box=None, pad_edge=False
     )
     for i, column in enumerate(columns):
-        made.add_column(escape(column), justify="left" if i == 0 else "right", no_wrap=i > 0)
+        made.add_column(escape(column), justify="left" if i == 0 else "right", no_wrap=not wrap or i > 0)
     for row in rows:
         made.add_row(*(escape(cell) for cell in row))
     return made
@@ -222,7 +224,7 @@ def show_check(console: Console, check: Check) -> None:
         for loop in check.loops
     ]
     if loops:
-        console.print(table("Loops", ("path", "sum of lags s", ""), loops))
+        console.print(table("Loops", ("path", "sum of lags s", ""), loops, wrap=True))
     console.print(f"Prediction: {escape(check.prediction)}")
 
 
