@@ -409,7 +409,8 @@ class _Progress:
         return self
 
     def __call__(self, done: float) -> None:
-        if self.bar is None and time.monotonic() - self.began > SHOW_PROGRESS_AFTER_S and done < 1:
+        late = time.monotonic() - self.began > SHOW_PROGRESS_AFTER_S
+        if self.bar is None and late and done < 1 and sys.stderr.isatty():
             from rich.console import Console
             from rich.progress import Progress
 

@@ -156,8 +156,9 @@ def cycle_map(machine: Machine) -> tuple[Floats, int]:
     before = [kind for tick, kind, _ in timeline.segments[0].events if tick < stretch.start]
     in_flight = before.count(Happening.START) - before.count(Happening.END)
     tracker = _Tracker(machine, stretch, in_flight)
-    for offset, kind, index in stretch.events:
-        tracker.play(offset, Happening(kind), index)
+    with np.errstate(over="ignore", invalid="ignore"):  # `eigenvalues` refuses what overflows
+        for offset, kind, index in stretch.events:
+            tracker.play(offset, Happening(kind), index)
     return tracker.change(), stretch.length
 
 

@@ -15,7 +15,7 @@ import numpy as np
 
 from hybrid import coupling, theory
 from hybrid.compiler import compile_patch
-from hybrid.coupling import Mode, NotLinear
+from hybrid.coupling import Mode
 from hybrid.errors import HybridError, RunError
 from hybrid.expressions import names, previous_names
 from hybrid.graph import simple_loops

@@ -21,7 +21,7 @@ from hybrid.machine import Floats, Machine, Pen
 from hybrid.patch import Patch, Readout
 from hybrid.readout import READOUTS
 from hybrid.record import Parts, full_scales, pens_for, record_parts, signal_units
-from hybrid.scale import to_seconds, to_ticks
+from hybrid.scale import to_seconds
 from hybrid.timeline import build_timeline
 
 if TYPE_CHECKING:
@@ -119,12 +119,11 @@ def run(
     status, note = _play(player, progress)
     rows_note = f"every {_ordinal(keep_every)} row kept" if keep_every > 1 else ""
     every_s = to_seconds(compiled.timing.every * keep_every)
-    done_ticks = to_ticks(player.done_s)
     period = compiled.timing.period
     result = Run(
         compiled,
         seed,
-        done_ticks // period if period else 0,
+        player.done_ticks // period if period else 0,
         status,
         note,
         rows_note,

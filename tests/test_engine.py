@@ -463,6 +463,15 @@ def test_chunks_of_a_long_segment_give_the_same_bits(shipped, compiled, start, m
     assert fingerprint(pieces) == fingerprint(whole)
 
 
+def test_kept_rows_are_those_of_the_whole_record(shipped, compiled, start):
+    # Rows are counted through: not anew in each of the segments that a step source makes.
+    machine = compiled(shipped("pitch_loop", *RESTLESS))
+    whole = finish(start(machine, 5), itertools.repeat(999)).record
+    for keep_every in (2, 3, 7, 751, 752):
+        kept = finish(start(machine, 5, keep_every), itertools.repeat(13)).record
+        assert np.array_equal(kept, whole[::keep_every])
+
+
 def test_seeds(shipped, compiled, start):
     machine = compiled(shipped("pitch_loop", *RESTLESS))
     records = [finish(start(machine, seed), itertools.repeat(999)).record for seed in (5, 5, 6, 0)]
@@ -558,6 +567,38 @@ def test_program_without_a_finite_answer_stops(shipped, expression):
     assert np.all(np.isfinite(result.rows))
 
 
+def test_analog_side_that_grows_at_once_stops_at_once(compiled):
+    # exp(1e6) is no number at all.
+    text = """
+title: Unstable
+machine: nominal
+analog: {x: {integrate: {x: 1e6}, initial: 1e-3, full_scale: 1}}
+run: {until: 5 s, every: 1 s}
+"""
+    result = run(parse_patch(text))
+    assert result.status == "stopped" and "unstable" in result.status_note
+    assert result.rows.tolist() == [[1e-3]] and result.time_s.tolist() == [0.0]
+
+
+@pytest.mark.xfail(
+    strict=True,
+    reason="only states are watched for running away: a loop of converters and sums alone grows to "
+    "inf, which is recorded, and the note speaks of a division by zero",
+)
+def test_loop_without_analog_state_that_runs_away_stops_with_a_finite_record():
+    text = """
+title: An echo that grows
+machine: ideal
+analog: {twice: {sum: {held: 2}, full_scale: 1}}
+interface: {s: {adc: twice}, held: {dac: w, full_scale: 1, initial: 0.001}}
+digital: {period: 1 s, program: {w: 1.5*s}}
+run: {until: 5000 s}
+"""
+    result = run(parse_patch(text))
+    assert result.status == "stopped" and "unstable" in result.status_note
+    assert np.all(np.isfinite(result.rows))
+
+
 @pytest.mark.xfail(
     strict=True,
     reason="only what reaches a DAC is checked: a word that is recorded or remembered may be inf or "
@@ -602,3 +643,26 @@ def test_interrupt_keeps_what_was_played(shipped):
     assert len(cut.rows) == pytest.approx(done_s / 1e-3, abs=1.5)
     assert np.array_equal(cut.rows, whole.rows[: len(cut.rows)])
     assert cut.record.attrs["status"] == "interrupted"
+
+
+def test_interrupt_counts_whole_cycles_of_an_awkward_period():
+    # 100,001 periods of 333,333,333,333 fs have 17 digits; rounded to 15 they are one too few.
+    text = """
+title: A decay, sampled
+machine: ideal
+parameters: {T: 1/3e3}
+analog: {x: {integrate: {x: -1}, initial: 1, full_scale: 1}}
+interface: {s: {adc: x}}
+digital: {period: T, compute_time: 0 s, program: {w: s}}
+run: {until: 200 s}
+"""
+    calls = itertools.count(1)
+
+    def interrupt_at_second(fraction):
+        if next(calls) == 2:
+            raise KeyboardInterrupt
+
+    cut = run(parse_patch(text), progress=interrupt_at_second)
+    assert cut.status == "interrupted" and cut.cycles > 1000
+    # One row a cycle, and one at t = 0; the last instant played may still lack its row.
+    assert cut.cycles == len(cut.rows)

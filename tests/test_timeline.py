@@ -322,6 +322,26 @@ def test_skew_moves_the_sample(play):
     np.testing.assert_array_equal(played["echo"], np.where(t == 0, -1, expected + 1))
 
 
+def test_neighbouring_and_other_channels_that_coincide(play):
+    # a and c sample together, b between them in name and a quarter of a cycle later.
+    text = COUNTER.replace("COMPUTE", "0.5 s").replace(
+        "  r: {adc: ramp}",
+        "  r: {adc: ramp}\n  a: {adc: ramp}\n  b: {adc: ramp, channel: 1}\n  c: {adc: ramp}",
+    )
+    text = text.replace("compute_time: 0.5 s", "compute_time: 0.5 s\n  skew: 0.25 s")
+    text = text.replace("{w: r + 1,", "{w: 4*a + 2*b + c, ")
+    played = play(text.replace("10 s}", "10 s, every: 0.25 s}"))
+    t = np.arange(41) / 4
+    whole, later = np.minimum(np.floor(t), 7), np.minimum(np.floor(t - 0.25) + 0.25, 7)
+    np.testing.assert_array_equal(played["a"], whole)
+    np.testing.assert_array_equal(played["c"], whole)
+    np.testing.assert_array_equal(played["b"], np.where(t < 0.25, 0, later))
+    # Computed from 0.25 on, shown 0.5 later.
+    cycle = np.floor(t - 0.75)
+    answer = 4 * np.minimum(cycle, 7) + 2 * np.minimum(cycle + 0.25, 7) + np.minimum(cycle, 7)
+    np.testing.assert_array_equal(played["w"], np.where(t < 0.75, 0, answer))
+
+
 def test_ties_in_name_order_and_all_before_the_record(play):
     # Two sources change at the instant at which a DAC latches and a row is taken.
     text = COUNTER.replace("COMPUTE", "1 s").replace("at: 7 s", "at: 3 s")

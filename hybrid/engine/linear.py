@@ -101,13 +101,17 @@ class Player:
         return self.rows[: self.state.counts[kernel.ROWS]]
 
     @property
-    def done_s(self) -> float:
+    def done_ticks(self) -> int:
         """Problem time up to which the run has been played."""
         if self.segment == len(self.scores):
-            return to_seconds(self.timeline.until)
-        return self._instant_s(
-            self.state.counts[kernel.REPEAT], self.state.counts[kernel.INSTANT] - 1
-        )
+            return self.timeline.until
+        counts = self.state.counts
+        return self._instant_ticks(counts[kernel.REPEAT], counts[kernel.INSTANT] - 1)
+
+    @property
+    def done_s(self) -> float:
+        """The same in s."""
+        return to_seconds(self.done_ticks)
 
     def overloads(self) -> tuple[Overload, ...]:
         """Every signal that went beyond its range so far, by first time, then name."""
@@ -148,10 +152,13 @@ class Player:
         self.state.counts[[kernel.REPEAT, kernel.INSTANT]] = 0
         self.segment += 1
 
-    def _instant_s(self, repeat: int, instant: int) -> float:
+    def _instant_ticks(self, repeat: int, instant: int) -> int:
         segment = self.timeline.segments[self.segment]
         offset = self.offsets[self.segment][instant] if instant >= 0 else 0
-        return to_seconds(segment.start + int(repeat) * segment.length + offset)
+        return segment.start + int(repeat) * segment.length + offset
+
+    def _instant_s(self, repeat: int, instant: int) -> float:
+        return to_seconds(self._instant_ticks(repeat, instant))
 
     def _collect_overloads(self) -> None:
         """Turn the kernel's notes into times and merge them with those of earlier segments."""
@@ -252,8 +259,9 @@ def _plant(machine: Machine, intervals: list[int]) -> Plant:
     for q, p in enumerate(all_of):
         columns = np.hstack([p.change, p.spread])
         rows[q, k : k + n, : columns.shape[1]] = columns
-        rows[q, :k, : columns.shape[1]] = sum_rows[:, :n] @ columns
-        rows[q, :k, : n + m] += sum_rows
+        with np.errstate(over="ignore", invalid="ignore"):  # of a patch that runs away at once
+            rows[q, :k, : columns.shape[1]] = sum_rows[:, :n] @ columns
+            rows[q, :k, : n + m] += sum_rows
     blocks = rows.reshape(len(all_of), -1, 4, n + m + rank).transpose(0, 1, 3, 2)
     place = {name: k + i for i, name in enumerate(analog.states)}
     place |= {analog.signals[s]: i for i, s in enumerate(sums)}
