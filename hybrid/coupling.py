@@ -285,11 +285,31 @@ def eigenvalues(matrix: Floats, shifted: bool = False) -> Complex:
         values, vectors = np.linalg.eig(matrix)
     except np.linalg.LinAlgError:
         raise NotLinear("its eigenvalues cannot be found") from None
-    kept = (values.imag >= 0) & (np.abs(1.0 + values) > FORGOTTEN if shifted else True)
+    kept = values.imag >= 0
+    if shifted:
+        kept &= ~_forgotten(1.0 + values, vectors, matrix)
     values, vectors = values[kept].astype(complex), vectors[:, kept].T.astype(complex)
     if len(matrix) <= LARGEST_POLISHED and len(values):
         values = _polish(matrix, values, vectors)
     return np.concatenate([values, values[values.imag > 0].conj()])
+
+
+def _forgotten(z: Complex, vectors: Complex, matrix: Floats) -> npt.NDArray[np.bool_]:
+    """Which eigenvalues z of matrix + I cannot be told from 0.
+
+    A queue of d results has d equal eigenvalues 0, which rounding spreads over a disc of radius
+    epsilon^(1/d). They give themselves away by their condition: rounding moves an eigenvalue by
+    epsilon |matrix| / |y x|, x and y its right and left vectors of unit length.
+    """
+    size = np.abs(z)
+    try:
+        left = np.linalg.inv(vectors)
+    except np.linalg.LinAlgError:
+        return np.asarray(size <= FORGOTTEN)
+    condition = np.linalg.norm(left, axis=1) * np.linalg.norm(vectors, axis=0)
+    norm = np.linalg.norm(matrix + np.eye(len(matrix)))
+    rounding = 100.0 * np.finfo(float).eps * norm * condition
+    return np.asarray(size <= np.maximum(FORGOTTEN, rounding))
 
 
 def _polish(matrix: Floats, values: Complex, vectors: Complex) -> Complex:

@@ -26,6 +26,8 @@ from hybrid.theory import ClosedForm
 if TYPE_CHECKING:
     import pandas as pd
 
+# The search for the largest cycle time starts where a compute time in seconds is this many cycles.
+DEEPEST_PIPELINE = 20
 # Two figures that should be equal and differ by rounding only.
 ROUNDING = 1e-9
 
@@ -223,6 +225,7 @@ def largest_cycle_s(machine: Machine, max_damping_error: float) -> float | None:
     if not fastest > 0:
         raise RunError("the patch has no ideal mode to compare the damping ratio with")
     shortest, longest, step = 1e-6 / fastest, math.pi / fastest, 1.2
+    shortest = max(shortest, _fixed_compute_s(machine, shortest) / DEEPEST_PIPELINE)
     if error(shortest) > max_damping_error:
         raise RunError(
             f"even at T = {shortest:.3g} s the damping-ratio error is {error(shortest):.3g}: the lags "
@@ -240,6 +243,14 @@ def largest_cycle_s(machine: Machine, max_damping_error: float) -> float | None:
         if middle in (low, high) and high / low - 1.0 < 4e-16:
             break
     return low
+
+
+def _fixed_compute_s(machine: Machine, period_s: float) -> float:
+    """Compute time that is left when the period is as short as `period_s`."""
+    patch, overrides = coupling.with_period(machine.patch, machine.overrides, period_s)
+    if patch.program is None or patch.program.compute_time is None:
+        return 0.0
+    return patch.program.compute_time.number(patch.bind(overrides))
 
 
 def _damping_error(machine: Machine) -> Callable[[float], float]:

@@ -355,21 +355,11 @@ def test_overload_is_noted_at_the_first_instant_beyond(play):
     assert found["x"].instants == 13
 
 
-@pytest.mark.xfail(
-    strict=True,
-    reason="signals are first watched at the end of the first interval, so an overload that is "
-    "there at t = 0 is noted one interval late",
-)
 def test_overload_at_the_start_is_noted_at_the_start(play):
     played = play(patch("two: {constant: 2, full_scale: 1}"))
     assert [(o.signal, o.time_s) for o in played.player.overloads()] == [("two", 0.0)]
 
 
-@pytest.mark.xfail(
-    strict=True,
-    reason="signals are watched just before an instant, so one that jumps beyond its range (behind "
-    "a step source or a DAC) is noted at the end of the next interval",
-)
 def test_overload_of_a_jump_is_noted_at_the_jump(play):
     played = play(patch("s: {step: 2, at: 0.75 s, full_scale: 1}"))
     assert [o.time_s for o in played.player.overloads()] == [0.75]

@@ -474,7 +474,7 @@ def test_kept_rows_are_those_of_the_whole_record(shipped, compiled, start):
 
 def test_seeds(shipped, compiled, start):
     machine = compiled(shipped("pitch_loop", *RESTLESS))
-    records = [finish(start(machine, seed), itertools.repeat(999)).record for seed in (5, 5, 6, 0)]
+    records = [finish(start(machine, seed), itertools.repeat(999)).record for seed in (5, 5, 4, 0)]
     assert np.array_equal(records[0], records[1])
     for one, other in itertools.combinations(records[1:], 2):
         assert not np.array_equal(one, other)
@@ -580,11 +580,6 @@ run: {until: 5 s, every: 1 s}
     assert result.rows.tolist() == [[1e-3]] and result.time_s.tolist() == [0.0]
 
 
-@pytest.mark.xfail(
-    strict=True,
-    reason="only states are watched for running away: a loop of converters and sums alone grows to "
-    "inf, which is recorded, and the note speaks of a division by zero",
-)
 def test_loop_without_analog_state_that_runs_away_stops_with_a_finite_record():
     text = """
 title: An echo that grows
@@ -599,11 +594,6 @@ run: {until: 5000 s}
     assert np.all(np.isfinite(result.rows))
 
 
-@pytest.mark.xfail(
-    strict=True,
-    reason="only what reaches a DAC is checked: a word that is recorded or remembered may be inf or "
-    "NaN for the whole run, and the run says 'complete'",
-)
 def test_a_word_without_a_finite_answer_stops_although_no_dac_shows_it(shipped):
     text = shipped(
         "pitch_loop",

@@ -91,7 +91,8 @@ INTERVAL, SAMPLE, CONVERT, START, END, LATCH, SOURCE, RECORD = 0, 1, 3, 5, 6, 7,
 # Slots of the ring, rows to skip, rows written, draws used, place in the segment.
 STARTED, ENDED, SKIP, ROWS, DRAWS, REPEAT, INSTANT = range(7)
 # Indices into a row of State.overload: how many instants beyond range, the first (repeat, instant), the worst.
-TIMES, FIRST_REPEAT, FIRST_INSTANT, WORST_REPEAT, WORST_INSTANT = range(5)
+# and a number for the last instant noted, so that x- and x+ count as one.
+TIMES, FIRST_REPEAT, FIRST_INSTANT, WORST_REPEAT, WORST_INSTANT, LAST = range(6)
 
 # Why the kernel came back.
 DONE, PAUSED, RUNAWAY, NOT_FINITE = range(4)
@@ -177,12 +178,18 @@ def convert(value: float, limit: float, step: float, clips: float) -> float:
 
 
 @compiled
-def note_overload(notes: Ints, worst: Floats, row: int, value: float, repeat: int, at: int) -> None:
+def note_overload(
+    notes: Ints, worst: Floats, row: int, value: float, repeat: int, at: int, last: int
+) -> None:
     """Remember that `row` went beyond its range at (repeat, instant)."""
     if notes[row, TIMES] == 0:
         notes[row, FIRST_REPEAT] = repeat
         notes[row, FIRST_INSTANT] = at
-    notes[row, TIMES] += 1
+    # The last instant of a repeat is the first of the next, seen from before.
+    number = (repeat + 1) * last + 1 if at == last else repeat * last + at + 1
+    if notes[row, LAST] != number:
+        notes[row, TIMES] += 1
+        notes[row, LAST] = number
     if abs(value) > abs(worst[row]):
         worst[row] = value
         notes[row, WORST_REPEAT] = repeat
@@ -190,11 +197,13 @@ def note_overload(notes: Ints, worst: Floats, row: int, value: float, repeat: in
 
 
 @compiled
-def watch(signal: Ints, v: Floats, notes: Ints, worst: Floats, repeat: int, at: int) -> None:
+def watch(
+    signal: Ints, v: Floats, notes: Ints, worst: Floats, repeat: int, at: int, last: int
+) -> None:
     """Note every analog signal that is beyond full scale."""
     for s in range(signal.shape[0]):
         if abs(v[signal[s]]) > 1.0:
-            note_overload(notes, worst, s, v[signal[s]], repeat, at)
+            note_overload(notes, worst, s, v[signal[s]], repeat, at, last)
 
 
 @compiled
@@ -231,7 +240,7 @@ def play(
     draws_at = states_end + inputs
     started, ended = count[STARTED], count[ENDED]
     skip, row, drawn = count[SKIP], count[ROWS], count[DRAWS]
-    repeat, at = count[REPEAT], count[INSTANT]
+    repeat, at, last = count[REPEAT], count[INSTANT], instants.shape[0] - 1
     outcome = PAUSED
     for _ in range(most_instants):
         if at == instants.shape[0]:
@@ -259,12 +268,13 @@ def play(
             for i in range(sums):
                 v[i] = next_v[i]
                 beyond += abs(v[i]) > 1.0
+                lost += not abs(v[i]) <= RUNAWAY_MU
             for i in range(sums, states_end):
                 v[i] += next_v[i]
                 beyond += abs(v[i]) > 1.0
                 lost += not abs(v[i]) <= RUNAWAY_MU
             if beyond > 0:
-                watch(signal, v, notes, worst, repeat, at)
+                watch(signal, v, notes, worst, repeat, at, last)
             if lost > 0:
                 outcome = RUNAWAY
                 break
@@ -273,7 +283,7 @@ def play(
         for i in range(instants[at, CONVERT], instants[at, CONVERT + 1]):
             value, limit = sample[i], adc_figures[i, 1]
             if abs(value) > limit:
-                note_overload(notes, worst, signals + i, value, repeat, at)
+                note_overload(notes, worst, signals + i, value, repeat, at, last)
             word = convert(value, limit, adc_figures[i, 2], adc_figures[i, 3])
             registers[adc[i, 1]] = word * adc_figures[i, 0]
         for _start in range(instants[at, START]):
@@ -286,26 +296,34 @@ def play(
         for _end in range(instants[at, END]):
             for w in range(words.shape[0]):
                 words[w] = ring[ended, w]
+                if not math.isfinite(words[w]):
+                    outcome = NOT_FINITE
             ended = ended + 1 if ended + 1 < depth else 0
         for i in range(instants[at, LATCH], instants[at, LATCH + 1]):
             value = words[dac[i, 0]] * dac_figures[i, 0]
-            if not math.isfinite(value):
-                outcome = NOT_FINITE
-                break
+            if not abs(value) <= RUNAWAY_MU and outcome == PAUSED:
+                outcome = RUNAWAY
             if abs(value) > 1.0:
-                note_overload(notes, worst, signals + adcs + i, value, repeat, at)
+                note_overload(notes, worst, signals + adcs + i, value, repeat, at, last)
             held = dac[i, 1]
             value = convert(value, 1.0, dac_figures[i, 1], dac_figures[i, 2])
             for s in range(sums):
                 v[s] += reach[held, s] * (value - v[states_end + held])
             v[states_end + held] = value
-        if outcome == NOT_FINITE:
+        if outcome != PAUSED:
             break
         for i in range(instants[at, SOURCE], instants[at, SOURCE + 1]):
             held = steps[i]
             for s in range(sums):
                 v[s] += reach[held, s] * (step_values[i] - v[states_end + held])
             v[states_end + held] = step_values[i]
+        jumped = instants[at, LATCH + 1] + instants[at, SOURCE + 1] > 0
+        if jumped:
+            beyond = 0
+            for s in range(signals):
+                beyond += abs(v[signal[s]]) > 1.0
+            if beyond > 0:
+                watch(signal, v, notes, worst, repeat, at, last)
         for _record in range(instants[at, RECORD]):
             if skip == 0:
                 for p in range(source.shape[0]):

@@ -61,6 +61,10 @@ class Player:
         self._draws = [_draws(score.instants, self.plant.draws) for score in self.scores]
         # Where earlier segments' overloads began, as the kernel's counts start anew in each.
         self._overload_s: dict[int, tuple[float, float, float, int]] = {}
+        for row, value in enumerate(self.state.v[self.plant.signal].tolist()):
+            if abs(value) > 1.0:
+                self._overload_s[row] = (0.0, value, 0.0, 1)
+                self.state.overload[row, kernel.LAST] = 1
 
     def play(self) -> Iterator[float]:
         """Play to the end in chunks; yields the fraction of the run that is done."""
@@ -176,8 +180,12 @@ class Player:
                 if abs(old_worst) >= abs(worst):
                     worst, worst_s = old_worst, old_s
             self._overload_s[row] = (first, worst, worst_s, instants)
-        notes[:] = 0
         self.state.worst[:] = 0.0
+        # An overload at the very end of a segment is at the first instant of the next one too.
+        segment, last = self.timeline.segments[self.segment], len(self.offsets[self.segment]) - 1
+        at_the_end = notes[:, kernel.LAST] == segment.repeats * last + 1
+        notes[:] = 0
+        notes[at_the_end, kernel.LAST] = 1
 
 
 def _score(timeline: Timeline) -> tuple[list[int], list[list[int]], list[Score]]:
@@ -313,7 +321,7 @@ def _state(machine: Machine, timeline: Timeline) -> State:
         np.zeros((latency, words)),
         np.zeros(words),
         np.zeros(7, dtype=np.int64),
-        np.zeros((watched, 5), dtype=np.int64),
+        np.zeros((watched, 6), dtype=np.int64),
         np.zeros(watched),
     )
 
