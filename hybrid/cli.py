@@ -9,10 +9,12 @@ from __future__ import annotations
 import argparse
 import json
 import math
+import os
 import signal
 import sys
 import time
 from collections.abc import Callable
+from io import TextIOWrapper
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NoReturn
 
@@ -31,10 +33,14 @@ SHOW_PROGRESS_AFTER_S = 0.7
 def main(arguments: list[str] | None = None) -> int:
     """Entry point of the `hybrid` command; returns the exit code."""
     signal.signal(signal.SIGTERM, _interrupt)
+    if isinstance(sys.stdout, TextIOWrapper):
+        sys.stdout.reconfigure(errors="replace")  # a title may hold letters that the terminal lacks
     try:
         options = _parser().parse_args(arguments)
         verb: Callable[[argparse.Namespace], int] = options.verb
-        return verb(options)
+        code = verb(options)
+        sys.stdout.flush()
+        return code
     except HybridError as error:
         return _complain(str(error))
     except MemoryError:
@@ -43,8 +49,16 @@ def main(arguments: list[str] | None = None) -> int:
         print("hybrid: interrupted before anything was computed; nothing written", file=sys.stderr)
         return EXIT_INTERRUPTED
     except BrokenPipeError:
-        sys.stderr.close()
+        _drop_output()
         return 0
+    except OSError as error:
+        _drop_output()
+        return _complain(f"cannot write the answer: {error.strerror or error}")
+
+
+def _drop_output() -> None:
+    """What standard output still holds goes nowhere, so that Python does not try again at its end."""
+    os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
 
 
 def _complain(message: str) -> int:

@@ -32,9 +32,14 @@ Complex = npt.NDArray[np.complex128]
 
 # Modes that lose all but this much of themselves in one stretch are results passing through.
 FORGOTTEN = 1e-9
+BALANCING_SWEEPS = 20
 # Figures that go round the loops: eigenvalues of more would take minutes, and polishing them from
 # here on more than a second.
 LARGEST_MAP, LARGEST_POLISHED = 600, 150
+
+
+# A figure that grows by more over one stretch cannot be squared.
+LARGEST_GROWTH = 1e100
 
 
 @dataclass(frozen=True, slots=True)
@@ -135,6 +140,7 @@ def exact_modes(machine: Machine) -> Complex:
         return eigenvalues(analog.a[np.ix_(keep, keep)])
     change, length_ticks = cycle_map(machine)
     shift = eigenvalues(change, shifted=True)
+    shift = shift[shift != -1.0]  # polished to z = 0 itself, it is a result passing through
     modes: Complex = _log_one_plus(shift) / to_seconds(length_ticks)
     return modes
 
@@ -279,23 +285,41 @@ def eigenvalues(matrix: Floats, shifted: bool = False) -> Complex:
         raise NotLinear(
             f"{len(matrix)} figures go round the loops, at most {LARGEST_MAP} are analysed"
         )
-    if not np.all(np.isfinite(matrix)):
+    if not np.max(np.abs(matrix)) < LARGEST_GROWTH:
         raise NotLinear("the patch runs away within one cycle")
-    try:
-        values, vectors = np.linalg.eig(matrix)
-    except np.linalg.LinAlgError:
-        raise NotLinear("its eigenvalues cannot be found") from None
-    kept = values.imag >= 0
-    if shifted:
-        kept &= ~_forgotten(1.0 + values, vectors, matrix)
+    # Figures of more than 300 decades may overflow below; what comes of them is refused or left out.
+    with np.errstate(all="ignore"):
+        matrix = _balanced(matrix)
+        try:
+            values, vectors = np.linalg.eig(matrix)
+        except np.linalg.LinAlgError:
+            raise NotLinear("its eigenvalues cannot be found") from None
+        kept = values.imag >= 0
+        if shifted:
+            kept &= ~_forgotten(1.0 + np.asarray(values, dtype=np.complex128), vectors, matrix)
     values, vectors = values[kept].astype(complex), vectors[:, kept].T.astype(complex)
     if len(matrix) <= LARGEST_POLISHED and len(values):
         values = _polish(matrix, values, vectors)
     return np.concatenate([values, values[values.imag > 0].conj()])
 
 
+def _balanced(matrix: Floats) -> Floats:
+    """The matrix with its figures in units that make rows and columns alike in size.
+
+    Words are in SI units, states in machine units; a condition is worth nothing before that. The
+    units are powers of two, so nothing is rounded (Parlett and Reinsch, Numer. Math. 13, 1969).
+    """
+    others, unit = np.abs(matrix - np.diag(np.diag(matrix))), np.ones(len(matrix))
+    for _ in range(BALANCING_SWEEPS):
+        scaled = others * unit / unit[:, None]
+        rows, columns = scaled.sum(axis=1), scaled.sum(axis=0)
+        ratio = np.divide(rows, columns, out=np.ones_like(unit), where=(rows > 0) & (columns > 0))
+        unit *= 2.0 ** np.rint(0.5 * np.log2(ratio))
+    return matrix * unit / unit[:, None]
+
+
 def _forgotten(z: Complex, vectors: Complex, matrix: Floats) -> npt.NDArray[np.bool_]:
-    """Which eigenvalues z of matrix + I cannot be told from 0.
+    """Which eigenvalues z of matrix + I, balanced, cannot be told from 0.
 
     A queue of d results has d equal eigenvalues 0, which rounding spreads over a disc of radius
     epsilon^(1/d). They give themselves away by their condition: rounding moves an eigenvalue by

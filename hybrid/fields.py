@@ -35,7 +35,13 @@ Scope = Mapping[str, Dimension | None]
 
 LONGEST_NAME = 64
 NAME = rf"^[A-Za-z_][A-Za-z0-9_]{{0,{LONGEST_NAME - 1}}}$"  # a JSON Schema reads it too
-MOST_BITS = 32
+# Least and largest value of every key that holds an integer.
+RANGES: Mapping[str, tuple[int, int]] = {
+    "bits": (2, 32),
+    "channel": (0, 999),
+    "serial": (0, 2**63 - 1),
+    "max_rows": (2, 100_000_000),
+}
 LONGEST_LINE = 200  # of a title
 # The record's coordinate, which no signal may hide.
 TIME_AXIS = "time"
@@ -204,11 +210,12 @@ class Fields:
             )
         return text
 
-    def integer(self, key: str, least: int, most: int, default: int) -> int:
-        """A whole number within [least, most]."""
+    def integer(self, key: str, default: int) -> int:
+        """A whole number within the key's range."""
         tree = self.table.entries.get(key)
         if tree is None:
             return default
+        least, most = RANGES[key]
         text = tree.text if isinstance(tree, Text) else ""
         if not _INTEGER.match(text) or not least <= int(text) <= most:
             raise PatchError(
@@ -220,7 +227,7 @@ class Fields:
 
     def bits(self) -> int | None:
         """Word length of a converter; None where it is not given."""
-        return self.integer("bits", 2, MOST_BITS, 0) or None
+        return self.integer("bits", 0) or None
 
     def full_scale(self) -> FullScale:
         """The full scale, shown in `unit` where that is given, else in the unit it is written in."""

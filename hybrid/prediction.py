@@ -224,12 +224,11 @@ def largest_cycle_s(machine: Machine, max_damping_error: float) -> float | None:
     fastest = max((m.omega_ideal for m in coupling.modes(machine)), default=0.0)
     if not fastest > 0:
         raise RunError("the patch has no ideal mode to compare the damping ratio with")
-    shortest, longest, step = 1e-6 / fastest, math.pi / fastest, 1.2
-    shortest = max(shortest, _fixed_compute_s(machine, shortest) / DEEPEST_PIPELINE)
+    shortest, longest, step = _shortest_cycle_s(machine, 1e-6 / fastest), math.pi / fastest, 1.2
     if error(shortest) > max_damping_error:
         raise RunError(
-            f"even at T = {shortest:.3g} s the damping-ratio error is {error(shortest):.3g}: the lags "
-            "and gain errors of the analog machine alone exceed it"
+            f"even at T = {shortest:.3g} s the damping-ratio error is {error(shortest):.3g}: lags, "
+            "gain errors, and compute and conversion times in seconds alone exceed it"
         )
     low = shortest
     while error(low * step) <= max_damping_error:
@@ -245,12 +244,17 @@ def largest_cycle_s(machine: Machine, max_damping_error: float) -> float | None:
     return low
 
 
-def _fixed_compute_s(machine: Machine, period_s: float) -> float:
-    """Compute time that is left when the period is as short as `period_s`."""
+def _shortest_cycle_s(machine: Machine, period_s: float) -> float:
+    """`period_s`, or more where compute and conversion times in seconds do not shrink with it."""
     patch, overrides = coupling.with_period(machine.patch, machine.overrides, period_s)
-    if patch.program is None or patch.program.compute_time is None:
-        return 0.0
-    return patch.program.compute_time.number(patch.bind(overrides))
+    scope, possible_s = patch.bind(overrides), [period_s]
+    if patch.program and patch.program.compute_time:
+        possible_s.append(patch.program.compute_time.number(scope) / DEEPEST_PIPELINE)
+    for adc in patch.adcs:
+        conversion_s = adc.conversion_time.number(scope) if adc.conversion_time else 0.0
+        if conversion_s >= period_s:  # an ADC must be done before its next sample
+            possible_s.append(1.01 * conversion_s)
+    return max(possible_s)
 
 
 def _damping_error(machine: Machine) -> Callable[[float], float]:

@@ -5,50 +5,98 @@ Stage 3. Both are generated from the definitions that the reader of patch files 
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from typing import Any
 
 from hybrid import language
-from hybrid.components import CATALOG
+from hybrid.components import CATALOG, Kind
+from hybrid.expressions import RESERVED_NAMES
+from hybrid.fields import NAME, RANGES, TIME_AXIS
 from hybrid.language import Bound, Holds, Key, Unit
 from hybrid.machines import PRESETS
 
-_NAME = "^[A-Za-z_][A-Za-z0-9_]{0,63}$"
+# The least patch that has everything; the examples of single keys fit it.
+EXAMPLE: Mapping[str, Any] = {
+    "title": "Pitch loop",
+    "parameters": {"omega_p": "10 rad/s", "cycle": "1 ms"},
+    "analog": {
+        "theta_dot": {
+            "integrate": {"moment": 1},
+            "initial": "0 rad/s",
+            "full_scale": "2 rad/s",
+        },
+        "theta": {"integrate": {"theta_dot": 1}, "initial": "0.1 rad", "full_scale": "1 rad"},
+    },
+    "interface": {
+        "theta_sample": {"adc": "theta", "bits": 14},
+        "moment": {"dac": "moment_word", "initial": 0, "full_scale": "200 rad/s^2"},
+    },
+    "digital": {"period": "cycle", "program": {"moment_word": "-omega_p**2 * theta_sample"}},
+    "run": {"until": "10 s"},
+    "record": ["theta", "moment"],
+    "readouts": {"pitch_mode": {"transient": "theta"}},
+}
+
+_QUANTITY_EXAMPLES = {
+    Unit.OWN: ["0.1 rad", 0.1],
+    Unit.PURE: [0.0001, "0.01 %"],
+    Unit.TIME: ["1 ms", "2*cycle"],
+    Unit.RATE: ["10 rad/s", "omega_p"],
+    Unit.ANY: ["1 rad", 1],
+}
+_INTEGER_EXAMPLES = {"bits": 14, "channel": 1, "serial": 1, "max_rows": 100000}
+_TEXT_EXAMPLES = {
+    "title": EXAMPLE["title"],
+    "description": "Where its figures come from",
+    "unit": "mrad",
+    "dac": "moment_word",
+}
+_TERMS_EXAMPLES: Mapping[str, Any] = {
+    "program": EXAMPLE["digital"]["program"],
+    "remember": {"moment_word": 0},
+}
 
 
 def json_schema() -> dict[str, Any]:
     """JSON Schema (draft 2020-12) of a patch file as YAML reads it."""
     top = _object(language.TOP_KEYS)
     properties = top["properties"]
-    properties["machine"] = {
-        "anyOf": [{"enum": sorted(PRESETS)}, _object(language.MACHINE_KEYS)],
-        "description": properties["machine"]["description"],
-    }
-    properties["parameters"] = _map(_quantity(), "name: quantity")
-    components = [_component(kind.key) for kind in CATALOG.values()]
-    properties["analog"] = _map({"oneOf": components}, "signal: component")
-    dac = _object((*language.DAC_KEYS, *language.ERROR_KEYS))
-    properties["interface"] = _map(
-        {"oneOf": [_object(language.ADC_KEYS), dac]}, "signal: converter"
-    )
-    properties["digital"] = _object(language.DIGITAL_KEYS)
-    properties["run"] = _object(language.RUN_KEYS)
     readouts = [
-        _object((Key(kind, Holds.SIGNAL, doc, required=True), *language.READOUT_KEYS))
+        (Key(kind, Holds.SIGNAL, doc, required=True), *language.READOUT_KEYS)
         for kind, doc in language.READOUT_KINDS.items()
     ]
-    properties["readouts"] = _map({"oneOf": readouts}, "name: readout")
+    dac = (*language.DAC_KEYS, *language.ERROR_KEYS)
+    machine = {"anyOf": [_preset(), _object(language.MACHINE_KEYS)]}
+    signal = {"not": {"enum": sorted(RESERVED_NAMES | {TIME_AXIS})}}
+    contents = {
+        "machine": machine,
+        "parameters": _map(_quantity(), {"not": {"enum": sorted(RESERVED_NAMES)}}),
+        "analog": _map({"oneOf": [_component(kind) for kind in CATALOG.values()]}, signal),
+        "interface": _map({"oneOf": [_object(language.ADC_KEYS), _object(dac)]}, signal),
+        "digital": _object(language.DIGITAL_KEYS),
+        "run": _object(language.RUN_KEYS),
+        "readouts": _map({"oneOf": [_object(keys) for keys in readouts]}, signal),
+    }
+    for name, content in contents.items():
+        properties[name] = {**content, "description": properties[name]["description"]}
     return {
         "$schema": "https://json-schema.org/draft/2020-12/schema",
         "title": "Hybrid patch",
         **top,
+        "dependentRequired": {"interface": ["digital"]},
+        # Without a digital machine the record needs an interval of its own.
+        "if": {"not": {"required": ["digital"]}},
+        "then": {"required": ["analog"], "properties": {"run": {"required": ["every"]}}},
+        "examples": [EXAMPLE],
     }
 
 
-def _component(key: str) -> dict[str, Any]:
-    kind = CATALOG[key]
+def _component(kind: Kind) -> dict[str, Any]:
     keys = (kind.main, *kind.keys, language.FULL_SCALE, language.UNIT, *language.ERROR_KEYS)
-    return {"title": key, "description": kind.doc, **_object(keys)}
+    made = _object(keys)
+    if kind.single_input:
+        made["properties"][kind.main.name]["maxProperties"] = 1
+    return {"title": kind.key, "description": kind.doc, **made}
 
 
 def _object(keys: Iterable[Key]) -> dict[str, Any]:
@@ -61,29 +109,42 @@ def _object(keys: Iterable[Key]) -> dict[str, Any]:
     }
 
 
-def _map(values: dict[str, Any], doc: str) -> dict[str, Any]:
+def _map(values: dict[str, Any], names: dict[str, Any]) -> dict[str, Any]:
     return {
         "type": "object",
-        "description": doc,
-        "patternProperties": {_NAME: values},
-        "additionalProperties": False,
+        "propertyNames": {"pattern": NAME, **names},
+        "additionalProperties": values,
     }
 
 
 def _quantity() -> dict[str, Any]:
-    return {"type": ["number", "string"]}
+    return {"type": ["number", "string"], "minLength": 1}
+
+
+def _preset() -> dict[str, Any]:
+    return {"enum": sorted(PRESETS)}
 
 
 def _holds(key: Key) -> dict[str, Any]:
+    if key.name == "preset":
+        return _preset()
     if key.holds is Holds.QUANTITY:
-        return _quantity()
+        return {**_quantity(), "examples": _QUANTITY_EXAMPLES[key.unit]}
     if key.holds is Holds.INTEGER:
-        return {"type": "integer"}
+        least, most = RANGES[key.name]
+        example = _INTEGER_EXAMPLES[key.name]
+        return {"type": "integer", "minimum": least, "maximum": most, "examples": [example]}
     if key.holds is Holds.TERMS:
-        return {"type": "object", "additionalProperties": _quantity()}
+        made = _map(_quantity(), {})
+        example = _TERMS_EXAMPLES.get(key.name, {"theta": 1})
+        return {**made, "minProperties": int(key.required), "examples": [example]}
     if key.holds is Holds.SIGNALS:
-        return {"type": "array", "items": {"type": "string"}}
-    return {"type": "string"}
+        items = {"type": "string", "pattern": NAME}
+        return {"type": "array", "items": items, "minItems": 1, "examples": [["theta"]]}
+    made = {"type": "string", "minLength": 1}
+    if key.holds is Holds.SIGNAL:
+        made["pattern"] = NAME
+    return {**made, "examples": [_TEXT_EXAMPLES.get(key.name, "theta")]}
 
 
 def reference() -> str:
@@ -112,6 +173,9 @@ def _section(title: str, keys: tuple[Key, ...]) -> str:
 
 
 def _words(key: Key) -> str:
+    if key.name in RANGES:
+        least, most = RANGES[key.name]
+        return f"{key.holds.value}, {least} to {'2^63 - 1' if most == 2**63 - 1 else most}"
     return key.holds.value + (", required" if key.required else "")
 
 

@@ -1,5 +1,6 @@
 """The timeline against a brute-force list of events, and what coincident events do to the values."""
 
+import math
 from dataclasses import replace
 from fractions import Fraction
 
@@ -340,6 +341,25 @@ def test_neighbouring_and_other_channels_that_coincide(play):
     cycle = np.floor(t - 0.75)
     answer = 4 * np.minimum(cycle, 7) + 2 * np.minimum(cycle + 0.25, 7) + np.minimum(cycle, 7)
     np.testing.assert_array_equal(played["w"], np.where(t < 0.75, 0, answer))
+
+
+def test_overloads_count_the_instants_beyond(play):
+    # The ramp goes on to 30, each sample held from 0.5 s later on: beyond 16 on either side of an
+    # instant counts that instant once, whatever happens at it.
+    text = COUNTER.replace("COMPUTE", "0.5 s").replace("at: 7 s, before: 1", "at: 30 s, before: 1")
+    text = text.replace("echo: {dac: w, full_scale: 128", "echo: {dac: w, full_scale: 16")
+    played = play(text.replace("run: {until: 10 s}", "run: {until: 40 s, every: 0.4 s}"))
+    instants = sorted({t for t, *_ in played.player.timeline})
+
+    def shown(half):  # in half seconds, just after
+        return -1 if half < 1 else min((half - 1) // 2, 30) + 1
+
+    halves = [t / (TICKS_PER_SECOND / 2) for t in instants]
+    beyond = [shown(math.floor(h)) > 16 or shown(math.ceil(h) - 1) > 16 for h in halves]
+    found = {overload.signal: overload for overload in played.player.overloads()}["echo"]
+    assert found.instants == sum(beyond)
+    assert found.time_s == to_seconds(instants[beyond.index(True)]) == 16.5
+    assert found.value_mu == 31 / 16 and found.worst_time_s == 30.5
 
 
 def test_ties_in_name_order_and_all_before_the_record(play):

@@ -12,8 +12,6 @@ from hybrid.patch import Component, MachineSettings, Value
 from hybrid.patchfile.book import Book
 from hybrid.yamltree import Table, Text
 
-LARGEST_SERIAL = 2**63 - 1
-
 
 def read_machine(book: Book) -> MachineSettings:
     """The make of machine, with what the patch sets for all its components."""
@@ -26,7 +24,7 @@ def read_machine(book: Book) -> MachineSettings:
     fields = book.fields(table, "machine", MACHINE_KEYS, tree.place)
     return MachineSettings(
         _preset(fields.text("preset", "nominal"), fields.place("preset")),
-        fields.integer("serial", 0, LARGEST_SERIAL, 1),
+        fields.integer("serial", 1),
         fields.quantities(ERROR_KEYS),
         tree.place,
     )

@@ -10,8 +10,6 @@ from hybrid.patch import Adc, Dac
 from hybrid.patchfile.book import Book, Role
 from hybrid.yamltree import Table
 
-LAST_CHANNEL = 999
-
 
 def _converters(book: Book, role: Role) -> Iterator[tuple[str, Table, Place]]:
     """The converters of one role, sorted by name."""
@@ -71,6 +69,6 @@ def _adc(book: Book, name: str, table: Table, place: Place) -> Adc:
         fields.bits(),
         values.get("range"),
         values.get("conversion_time"),
-        fields.integer("channel", 0, LAST_CHANNEL, 0),
+        fields.integer("channel", 0),
         place,
     )

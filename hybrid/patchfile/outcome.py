@@ -9,7 +9,7 @@ from hybrid.patch import Readout, RunSettings
 from hybrid.patchfile.book import Book
 from hybrid.yamltree import Sequence, Text, Tree, kind_of
 
-DEFAULT_ROWS, MOST_ROWS = 1_000_000, 100_000_000
+DEFAULT_ROWS = 1_000_000
 
 
 def read_run(book: Book) -> RunSettings:
@@ -22,7 +22,7 @@ def read_run(book: Book) -> RunSettings:
         raise PatchError(
             "run: without a digital machine the record needs its interval; add every: TIME", place
         )
-    max_rows = fields.integer("max_rows", 2, MOST_ROWS, DEFAULT_ROWS)
+    max_rows = fields.integer("max_rows", DEFAULT_ROWS)
     return RunSettings(values["until"], values.get("every"), max_rows)
 
 

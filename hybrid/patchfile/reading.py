@@ -24,7 +24,9 @@ def read_patch(source: str | Path) -> Patch:
 
     Raises PatchError for a file that cannot be read or a patch that is wrong in any way.
     """
-    place = Place(str(source))
+    # A name that is no text, as old file systems allow, cannot be printed or recorded.
+    name = str(source).encode("utf-8", "replace").decode("utf-8")
+    place = Place(name)
     try:
         with Path(source).open("rb") as file:
             # One more than allowed and no further: a device may have no end.
@@ -45,9 +47,9 @@ def read_patch(source: str | Path) -> Patch:
     except UnicodeDecodeError as error:
         line = content.count(b"\n", 0, error.start) + 1
         raise PatchError(
-            "not a text in UTF-8; a patch is a YAML file in UTF-8", Place(str(source), line)
+            "not a text in UTF-8; a patch is a YAML file in UTF-8", Place(name, line)
         ) from None
-    return parse_patch(text, str(source))
+    return parse_patch(text, name)
 
 
 def parse_patch(text: str, file: str = "<text>") -> Patch:
@@ -87,6 +89,10 @@ def _try_numbers(patch: Patch) -> None:
     scope = patch.bind()
     for value in _numbers(patch):
         value.number(scope)
+    for readout in patch.readouts:
+        start, end = readout.start, readout.end
+        if start and end and start.number(scope) >= end.number(scope):
+            raise PatchError(f"{start.what} must be before its until", start.place)
 
 
 def _numbers(patch: Patch) -> list[Value]:
