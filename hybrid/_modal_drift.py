@@ -9,7 +9,8 @@ that are too small by the square root of the number of rows.
 The record is cut into K segments, each at least half a cycle long. In each the residual gives rho_k, a
 complex number; with weights w = exp(2 sigma t) its noise from the rows is r / w, and from a walk of
 strength q it has the covariance q C, seen through the segments. What is left of sqrt(w / r) rho beside a
-straight line, turned to the axes in which C is diagonal (lambda_i), are K - 2 independent numbers z_i with
+straight line, turned to the axes in which C is diagonal (lambda_i), are K - 2 independent numbers
+z_i with
 
     E|z_i|^2 = 1 + (q / r) lambda_i,
 

@@ -14,8 +14,8 @@ from typing import Any
 from hybrid import coupling
 from hybrid.compiler import compile_patch
 from hybrid.components import CATALOG
-from hybrid.coupling import NotLinear
 from hybrid.graph import simple_loops
+from hybrid.linearity import NotLinear
 from hybrid.machine import Machine
 from hybrid.patch import Patch
 from hybrid.prediction import Case, closed_form_case, signal_graph

@@ -16,30 +16,18 @@ from collections.abc import Mapping
 from dataclasses import dataclass, replace
 
 import numpy as np
-import numpy.typing as npt
 
+from hybrid.eigenvalues import Complex, eigenvalues
 from hybrid.engine.propagator import propagator
-from hybrid.errors import HybridError, RunError
+from hybrid.errors import HybridError
 from hybrid.expressions import Name
 from hybrid.layout import build_analog
+from hybrid.linearity import NotLinear, linear_program
 from hybrid.machine import Analog, Floats, Machine, OutputStage
 from hybrid.patch import Patch, literal
 from hybrid.scale import to_seconds
-from hybrid.tape import Op, Tape, build_tape
+from hybrid.tape import build_tape
 from hybrid.timeline import Happening, Segment, build_timeline
-
-Complex = npt.NDArray[np.complex128]
-
-# Modes that lose all but this much of themselves in one stretch are results passing through.
-FORGOTTEN = 1e-9
-BALANCING_SWEEPS = 20
-# Figures that go round the loops: eigenvalues of more would take minutes, and polishing them from
-# here on more than a second.
-LARGEST_MAP, LARGEST_POLISHED = 600, 150
-
-
-# A figure that grows by more over one stretch cannot be squared.
-LARGEST_GROWTH = 1e100
 
 
 @dataclass(frozen=True, slots=True)
@@ -56,77 +44,6 @@ class Mode:
     def s(self) -> complex:
         """The mode itself, upper half plane."""
         return complex(-self.zeta * self.omega, self.omega_damped)
-
-
-class NotLinear(RunError):
-    """The patch has no exact linear prediction; the text says which part is not linear."""
-
-
-# -- the program as a linear map ------------------------------------------------------------------
-
-
-@dataclass(frozen=True, eq=False)
-class LinearProgram:
-    """words = inputs @ [ADC words, remembered values, 1], shape (words, adcs + memory + 1)."""
-
-    rows: Floats
-    adcs: int
-    memory: npt.NDArray[np.int64]  # word that each remembered value takes over
-
-    def steady(self) -> Floats:
-        """Words for inputs that stay as they are, (words, adcs + 1).
-
-        Raises NotLinear where there is no such steady answer (the program integrates).
-        """
-        back = self.rows[:, self.adcs : -1]
-        words = np.eye(len(self.rows))
-        for column, word in enumerate(self.memory):
-            words[:, word] -= back[:, column]
-        direct = np.delete(self.rows, np.s_[self.adcs : self.rows.shape[1] - 1], axis=1)
-        if len(words) and np.linalg.cond(words) > 1e12:
-            raise NotLinear("the program integrates, so it has no steady answer")
-        solved: Floats = np.linalg.solve(words, direct).astype(np.float64)
-        return solved
-
-
-def linear_program(tape: Tape, adcs: int) -> LinearProgram:
-    """Play the tape on linear forms instead of numbers; raises NotLinear naming the word."""
-    width = adcs + len(tape.remembered) + 1
-    forms = np.zeros((len(tape.registers), width))
-    forms[:, -1] = tape.registers
-    for adc in range(adcs):
-        forms[adc] = np.eye(width)[adc]
-    for column, (register, _) in enumerate(tape.memory):
-        forms[register] = np.eye(width)[adcs + column]
-    for (op, target, a, b), owner in zip(tape.code.tolist(), tape.owner, strict=True):
-        with np.errstate(over="ignore", invalid="ignore"):
-            forms[target] = _linear_operation(op, forms[a], forms[b], tape.words[owner])
-        if not np.all(np.isfinite(forms[target])):
-            raise NotLinear(f"word {tape.words[owner]!r} has a coefficient that is not finite")
-    word_of = {register: i for i, register in enumerate(tape.word_registers.tolist())}
-    memory = np.array([word_of[r] for r in tape.memory[:, 1].tolist()], dtype=np.int64)
-    return LinearProgram(forms[tape.word_registers], adcs, memory)
-
-
-def _linear_operation(op: int, a: Floats, b: Floats, word: str) -> Floats:
-    constant_a, constant_b = not np.any(a[:-1]), not np.any(b[:-1])
-    if op == Op.COPY:
-        return a
-    if op == Op.NEG:
-        return -a
-    if op == Op.ADD:
-        return a + b
-    if op == Op.SUB:
-        return a - b
-    if op == Op.MUL and (constant_a or constant_b):
-        product: Floats = a * b[-1] if constant_b else b * a[-1]
-        return product
-    if op == Op.DIV and constant_b and b[-1] != 0.0:
-        quotient: Floats = a / b[-1]
-        return quotient
-    if op == Op.POW and constant_b and b[-1] == 1.0:
-        return a
-    raise NotLinear(f"word {word!r} is not linear in what the program reads")
 
 
 # -- the one-cycle map ------------------------------------------------------------------------------
@@ -268,96 +185,6 @@ class _Tracker:
         keep = np.setdiff1d(np.arange(len(self.moved)), drop)
         kept: Floats = self.moved[np.ix_(keep, keep)]
         return kept
-
-
-# -- eigenvalues ----------------------------------------------------------------------------------
-
-
-def eigenvalues(matrix: Floats, shifted: bool = False) -> Complex:
-    """Eigenvalues, polished: LAPACK's are good to epsilon times the norm, which a lag of 1 us makes
-    large; Newton steps on the eigenvector equation are good to epsilon times each entry.
-
-    `shifted`: they are z - 1 of a map; those of results that pass through (z near 0) are left out.
-    """
-    if not len(matrix):
-        return np.zeros(0, dtype=complex)
-    if len(matrix) > LARGEST_MAP:
-        raise NotLinear(
-            f"{len(matrix)} figures go round the loops, at most {LARGEST_MAP} are analysed"
-        )
-    if not np.max(np.abs(matrix)) < LARGEST_GROWTH:
-        raise NotLinear("the patch runs away within one cycle")
-    # Figures of more than 300 decades may overflow below; what comes of them is refused or left out.
-    with np.errstate(all="ignore"):
-        matrix = _balanced(matrix)
-        try:
-            values, vectors = np.linalg.eig(matrix)
-        except np.linalg.LinAlgError:
-            raise NotLinear("its eigenvalues cannot be found") from None
-        kept = values.imag >= 0
-        if shifted:
-            kept &= ~_forgotten(1.0 + np.asarray(values, dtype=np.complex128), vectors, matrix)
-    values, vectors = values[kept].astype(complex), vectors[:, kept].T.astype(complex)
-    if len(matrix) <= LARGEST_POLISHED and len(values):
-        values = _polish(matrix, values, vectors)
-    return np.concatenate([values, values[values.imag > 0].conj()])
-
-
-def _balanced(matrix: Floats) -> Floats:
-    """The matrix with its figures in units that make rows and columns alike in size.
-
-    Words are in SI units, states in machine units; a condition is worth nothing before that. The
-    units are powers of two, so nothing is rounded (Parlett and Reinsch, Numer. Math. 13, 1969).
-    """
-    others, unit = np.abs(matrix - np.diag(np.diag(matrix))), np.ones(len(matrix))
-    for _ in range(BALANCING_SWEEPS):
-        scaled = others * unit / unit[:, None]
-        rows, columns = scaled.sum(axis=1), scaled.sum(axis=0)
-        ratio = np.divide(rows, columns, out=np.ones_like(unit), where=(rows > 0) & (columns > 0))
-        unit *= 2.0 ** np.rint(0.5 * np.log2(ratio))
-    return matrix * unit / unit[:, None]
-
-
-def _forgotten(z: Complex, vectors: Complex, matrix: Floats) -> npt.NDArray[np.bool_]:
-    """Which eigenvalues z of matrix + I, balanced, cannot be told from 0.
-
-    A queue of d results has d equal eigenvalues 0, which rounding spreads over a disc of radius
-    epsilon^(1/d). They give themselves away by their condition: rounding moves an eigenvalue by
-    epsilon |matrix| / |y x|, x and y its right and left vectors of unit length.
-    """
-    size = np.abs(z)
-    try:
-        left = np.linalg.inv(vectors)
-    except np.linalg.LinAlgError:
-        return np.asarray(size <= FORGOTTEN)
-    condition = np.linalg.norm(left, axis=1) * np.linalg.norm(vectors, axis=0)
-    norm = np.linalg.norm(matrix + np.eye(len(matrix)))
-    rounding = 100.0 * np.finfo(float).eps * norm * condition
-    return np.asarray(size <= np.maximum(FORGOTTEN, rounding))
-
-
-def _polish(matrix: Floats, values: Complex, vectors: Complex) -> Complex:
-    """Newton steps on (matrix - value) vector = 0, all pairs at once; rows of `vectors`."""
-    count, n = vectors.shape
-    pairs, at = np.arange(count), np.argmax(np.abs(vectors), axis=1)
-    vectors = vectors / vectors[pairs, at][:, None]
-    first = values
-    for _ in range(3):
-        residual = vectors @ matrix.T - values[:, None] * vectors
-        jacobian = np.zeros((count, n + 1, n + 1), dtype=complex)
-        jacobian[:, :n, :n] = matrix - values[:, None, None] * np.eye(n)
-        jacobian[:, :n, n] = -vectors
-        jacobian[pairs, n, at] = 1.0
-        right = np.concatenate([-residual, np.zeros((count, 1))], axis=1)
-        try:
-            step = np.linalg.solve(jacobian, right[:, :, None])[:, :, 0]
-        except np.linalg.LinAlgError:
-            return first
-        # A step that is not small means a multiple eigenvalue: keep LAPACK's answer there.
-        good = np.all(np.isfinite(step), axis=1) & (np.abs(step[:, n]) <= 1e-3 * np.abs(values))
-        vectors = np.where(good[:, None], vectors + step[:, :n], vectors)
-        values = np.where(good, values + step[:, n], values)
-    return values
 
 
 # -- the ideal patch ------------------------------------------------------------------------------

@@ -19,6 +19,7 @@ from hybrid.coupling import Mode
 from hybrid.errors import HybridError, RunError
 from hybrid.expressions import names, previous_names
 from hybrid.graph import simple_loops
+from hybrid.linearity import linear_program
 from hybrid.machine import Machine
 from hybrid.patch import Patch
 from hybrid.theory import ClosedForm
@@ -141,7 +142,7 @@ def _sampled_case(machine: Machine) -> Case | None:
         return None
     if machine.samplers[0].delay_ticks or machine.samplers[0].conversion_ticks:
         return None
-    program = coupling.linear_program(machine.tape, 1)
+    program = linear_program(machine.tape, 1)
     if len(program.memory):
         return None
     analog = coupling.ideal_analog(machine.patch, machine.parameters)

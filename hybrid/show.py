@@ -35,7 +35,9 @@ def table(
         title=escape(title), title_justify="left", title_style="bold", box=None, pad_edge=False
     )
     for i, column in enumerate(columns):
-        made.add_column(escape(column), justify="left" if i == 0 else "right", no_wrap=not wrap or i > 0)
+        made.add_column(
+            escape(column), justify="left" if i == 0 else "right", no_wrap=not wrap or i > 0
+        )
     for row in rows:
         made.add_row(*(escape(cell) for cell in row))
     return made

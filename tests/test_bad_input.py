@@ -2,11 +2,15 @@
 
 from __future__ import annotations
 
+import os
+import subprocess
+import sys
 from dataclasses import dataclass
 from pathlib import Path
 
 import pytest
 
+import hybrid
 from hybrid.cli import main
 
 PATCH = """\
@@ -33,6 +37,9 @@ record: [angle, rate]
 readouts:
   mode: {transient: angle}
 """
+
+
+COMPILING = "hybrid: compiling the kernel, once after installation ...\n"
 
 
 @dataclass(frozen=True)
@@ -572,3 +579,102 @@ def test_a_wrong_command(
     assert err.count("\n") == 1
     assert says in err
     assert sorted(here.iterdir()) == []
+
+
+# -- as a process of its own ------------------------------------------------------------------------
+
+LIMITED = (
+    "import resource, sys; resource.setrlimit(resource.RLIMIT_AS, (10**9, 10**9)); "
+    "from hybrid.cli import main; sys.exit(main(sys.argv[1:]))"
+)
+
+
+@pytest.mark.parametrize(
+    ("arguments", "says"),
+    [
+        (("check", "wrong.yaml"), "wrong.yaml:2: "),
+        (("check", "laughs.yaml"), "laughs.yaml:2: "),
+        (("run", "/dev/zero"), "/dev/zero: "),
+        (("run", "loop.yaml", "--set", "cycle=0"), "loop.yaml:16: "),
+        (("run", b"no\xffname.yaml"), "no?name.yaml: "),
+        (("sweep", "loop.yaml", "--over", "cycle=0:1:0"), "COUNT"),
+    ],
+    ids=str,
+)
+def test_a_process(arguments: tuple[str | bytes, ...], says: str, here: Path) -> None:
+    """One line and exit code 2 also from outside, within a gigabyte and a few seconds."""
+    Path("loop.yaml").write_text(PATCH)
+    Path("wrong.yaml").write_text(PATCH.replace("machine: ideal", "machine: idaal"))
+    Path("laughs.yaml").write_text("title: a\n" + LAUGHS)
+    before = sorted(here.rglob("*"))
+    command = [sys.executable, "-c", LIMITED, *arguments]
+    done = subprocess.run(command, capture_output=True, timeout=30, check=False)
+    assert done.returncode == 2, done.stderr
+    assert done.stdout == b""
+    assert done.stderr.decode().startswith(f"hybrid: {says}")
+    assert done.stderr.count(b"\n") == 1
+    assert sorted(here.rglob("*")) == before
+
+
+# -- odd but right ----------------------------------------------------------------------------------
+
+ODD = {
+    "one row": ("until: 0.1 s", "until: 0.1 ms"),
+    "long interval": ("until: 0.1 s", "until: 0.1 s, every: 1 s"),
+    "late step": ("  wind: {sine: 0.1 V, omega: 3 rad/s,", "  wind: {step: 1 V, at: 1e14 s,"),
+    "deep pipeline": ("  program:", "  compute_time: 0.2 s\n  program:"),
+    "least figures": ("full_scale: 1 V}", "full_scale: 1e-100 V, tau: 1e-15 s, noise: 1}"),
+}
+
+
+@pytest.mark.parametrize("change", ODD.values(), ids=ODD)
+def test_odd_but_right(change: tuple[str, str], recwarn: pytest.WarningsRecorder) -> None:
+    assert change[0] in PATCH
+    patch = hybrid.parse_patch(PATCH.replace(*change))
+    for machine in ("ideal", "nominal"):
+        assert hybrid.run(patch, machine=machine).status == "complete"
+    assert not recwarn.list
+
+
+@pytest.mark.parametrize("rate", ["1e4", "1e9", "1e14"])
+def test_a_patch_that_runs_away(rate: str, recwarn: pytest.WarningsRecorder) -> None:
+    """Growth beyond all numbers within one cycle stops the run and is not a warning of numpy's."""
+    text = PATCH.replace("{torque: 1}", f"{{torque: 1, rate: {rate}}}")
+    patch = hybrid.parse_patch(text.replace("0 rad/s,", "1 rad/s,"))
+    for machine in ("ideal", "nominal"):
+        run = hybrid.run(patch, machine=machine)
+        assert run.status == "stopped"
+        assert "unstable" in run.status_note
+        try:
+            hybrid.predict(patch, machine=machine)
+        except hybrid.RunError as error:
+            assert "runs away" in str(error)
+    assert not recwarn.list
+
+
+def test_a_title_is_not_a_formula(here: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    title = r"title: 'a $x^$ \frac{ %s {0} [bold] [/x] 中文'"
+    Path("odd.yaml").write_text(PATCH.replace("title: Loop", title), encoding="utf-8")
+    assert main(["run", "odd.yaml"]) == 0
+    out, err = capsys.readouterr()
+    assert err in ("", COMPILING)
+    assert r"a $x^$ \frac{ %s {0} [bold] [/x]" in out
+    assert sorted(path.name for path in Path("out").iterdir()) == ["odd.nc", "odd.png"]
+
+
+def test_letters_that_the_terminal_lacks(here: Path) -> None:
+    Path("odd.yaml").write_text(PATCH.replace("title: Loop", "title: ω"), encoding="utf-8")
+    command = [sys.executable, "-m", "hybrid.cli", "check", "odd.yaml"]
+    environment = {**os.environ, "PYTHONIOENCODING": "ascii"}
+    done = subprocess.run(command, capture_output=True, timeout=30, check=False, env=environment)
+    assert (done.returncode, done.stderr) == (0, b"")
+    assert done.stdout.startswith(b"? on machine ideal")
+
+
+@pytest.mark.skipif(not Path("/dev/full").exists(), reason="needs /dev/full")
+def test_a_full_disk(here: Path) -> None:
+    with Path("/dev/full").open("wb") as full:
+        command = [sys.executable, "-m", "hybrid.cli", "schema"]
+        done = subprocess.run(command, stdout=full, stderr=subprocess.PIPE, timeout=30, check=False)
+    assert done.returncode == 2
+    assert done.stderr == b"hybrid: cannot write the answer: No space left on device\n"

@@ -7,8 +7,9 @@ import pytest
 
 from hybrid import theory
 from hybrid.checks import check
-from hybrid.coupling import NotLinear, cycle_map, exact_modes, ideal_modes, linear_program, modes
+from hybrid.coupling import cycle_map, exact_modes, ideal_modes, modes
 from hybrid.errors import RunError
+from hybrid.linearity import NotLinear, linear_program
 from hybrid.patchfile import parse_patch
 from hybrid.prediction import closed_form_case, largest_cycle_s, predict
 

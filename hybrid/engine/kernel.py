@@ -84,14 +84,14 @@ class State(NamedTuple):
     worst: Floats  # (signals + adcs + dacs,)
 
 
-# Indices into State.counts.
 # Columns of Score.instants; a range takes two.
 INTERVAL, SAMPLE, CONVERT, START, END, LATCH, SOURCE, RECORD = 0, 1, 3, 5, 6, 7, 9, 11
 
-# Slots of the ring, rows to skip, rows written, draws used, place in the segment.
+# Indices into State.counts: slots of the ring, rows to skip, rows written, draws used, place in the
+# segment.
 STARTED, ENDED, SKIP, ROWS, DRAWS, REPEAT, INSTANT = range(7)
-# Indices into a row of State.overload: how many instants beyond range, the first (repeat, instant), the worst.
-# and a number for the last instant noted, so that x- and x+ count as one.
+# Indices into a row of State.overload: how many instants beyond range, the first (repeat, instant), the
+# worst, and a number for the last instant noted, so that x- and x+ count as one.
 TIMES, FIRST_REPEAT, FIRST_INSTANT, WORST_REPEAT, WORST_INSTANT, LAST = range(6)
 
 # Why the kernel came back.

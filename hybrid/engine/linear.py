@@ -312,6 +312,10 @@ def _state(machine: Machine, timeline: Timeline) -> State:
     words = len(machine.tape.words)
     watched = len(analog.signals) + len(machine.samplers) + len(machine.holders)
     z = np.concatenate([analog.x0, analog.u0])
+    for holder in machine.holders:  # even the initial output of a DAC is a code
+        if holder.step_mu:
+            at = len(analog.x0) + holder.input
+            z[at] = np.rint(z[at] / holder.step_mu) * holder.step_mu
     sums = list(_sums(machine))
     return State(
         np.concatenate([analog.c[sums] @ z, z, np.zeros(analog.noise.shape[1] + len(z))]),
