@@ -23,6 +23,7 @@ from hybrid.errors import HybridError, PatchError, RunError
 if TYPE_CHECKING:
     from rich.console import Console
 
+    from hybrid.filing import Filing
     from hybrid.patch import Patch
 
 EXIT_STOPPED, EXIT_MISTAKE, EXIT_INTERRUPTED = 1, 2, 130
@@ -153,7 +154,11 @@ def run_command(options: argparse.Namespace) -> int:
     """hybrid run."""
     from hybrid.filing import Filing
 
-    filing = Filing(chart=not options.no_chart)
+    with Filing(chart=not options.no_chart) as filing:
+        return _run(options, filing)
+
+
+def _run(options: argparse.Namespace, filing: Filing) -> int:
     patch, parameters = _read(options)
     if options.until is not None:
         patch = _with_until(patch, options.until)

@@ -16,17 +16,26 @@ from hybrid.record import Parts, write_dataset, write_whole
 
 
 class Filing:
-    """Start it before the run; `write` what the run gave."""
+    """Start it before the run; `write` what the run gave. A context: at its end the process ends."""
 
     def __init__(self, chart: bool) -> None:
         """Start loading; `chart`: a strip chart will be asked for."""
         self.chart = chart
         processes = get_context("spawn")
         self.line, far_end = processes.Pipe()
-        # A daemon: should the run fail, it is gone with the main process and nobody waits for it.
+        # A daemon: whatever happens, it is gone with the main process and nobody waits for it.
         self.process = processes.Process(target=_serve, args=(far_end, chart), daemon=True)
         self.process.start()
         far_end.close()
+
+    def __enter__(self) -> Filing:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        """Nothing more to write: a run that could not begin must not leave it loading."""
+        self.line.close()
+        self.process.terminate()
+        self.process.join()
 
     def write(
         self,

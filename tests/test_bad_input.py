@@ -623,7 +623,7 @@ ODD = {
     "long interval": ("until: 0.1 s", "until: 0.1 s, every: 1 s"),
     "late step": ("  wind: {sine: 0.1 V, omega: 3 rad/s,", "  wind: {step: 1 V, at: 1e14 s,"),
     "deep pipeline": ("  program:", "  compute_time: 0.2 s\n  program:"),
-    "least figures": ("full_scale: 1 V}", "full_scale: 1e-100 V, tau: 1e-15 s, noise: 1}"),
+    "least figures": ("full_scale: 1 V}", "full_scale: 1 V, tau: 1e-15 s, noise: 1}"),
 }
 
 
