@@ -662,6 +662,14 @@ def test_a_title_is_not_a_formula(here: Path, capsys: pytest.CaptureFixture[str]
     assert sorted(path.name for path in Path("out").iterdir()) == ["odd.nc", "odd.png"]
 
 
+def test_a_range_may_run_downwards(here: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    Path("loop.yaml").write_text(PATCH)
+    options = ["--over", "cycle=2 ms:1 ms:2", "--no-chart", "--out", "a/b.nc"]
+    assert main(["sweep", "loop.yaml", *options]) == 0
+    assert capsys.readouterr().err in ("", COMPILING)
+    assert Path("a/b.nc").exists()
+
+
 def test_letters_that_the_terminal_lacks(here: Path) -> None:
     Path("odd.yaml").write_text(PATCH.replace("title: Loop", "title: ω"), encoding="utf-8")
     command = [sys.executable, "-m", "hybrid.cli", "check", "odd.yaml"]

@@ -269,7 +269,7 @@ def test_a_dac_may_have_any_name() -> None:
 # -- nothing but PatchError -------------------------------------------------------------------------
 
 HYPOTHESIS = settings(
-    max_examples=150,
+    max_examples=100,
     deadline=None,
     derandomize=True,
     database=None,
@@ -341,7 +341,7 @@ def mutated(draw: st.DrawFn) -> str:
     return "".join(tokens)
 
 
-@settings(HYPOTHESIS, max_examples=600)
+@settings(HYPOTHESIS, max_examples=300)
 @given(mutated())
 def test_any_mutated_patch(text: str) -> None:
     _read_compile_lay_out(text)
