@@ -201,6 +201,8 @@ class _Task:
             except RunError as error:
                 note = f"no prediction: {error}"
             result = run(compiled, seed=seed, readouts_only=True)
+            if result.status == "interrupted":  # half a point says nothing; the sweep ends here
+                raise KeyboardInterrupt
         except HybridError as error:
             return Point(index, {}, (), "failed", str(error), 0, seed)
         notes = "; ".join(n for n in (note, result.status_note) if n)

@@ -10,7 +10,7 @@ from typing import Any
 import jsonschema
 import pytest
 import yaml
-from test_bad_input import KEYS, NAMES, PATCH, VALUES, Wrong
+from bad_patches import KEYS, NAMES, PATCH, VALUES, Wrong
 
 from hybrid import language
 from hybrid.cli import main
