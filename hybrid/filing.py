@@ -1,6 +1,6 @@
 """A run's files, written by a second process that loads the drawing libraries while the run goes on.
 
-Stage 6. Loading matplotlib and xarray takes longer than most runs; on its own core it costs no waiting.
+Stage 6. Loading matplotlib takes longer than most runs; on its own core it costs no waiting.
 """
 
 from __future__ import annotations
@@ -12,7 +12,7 @@ from pathlib import Path
 from typing import Any
 
 from hybrid.errors import HybridError
-from hybrid.record import Parts, write_dataset, write_whole
+from hybrid.record import Parts, PlainRecord, write_parts, write_whole
 
 
 class Filing:
@@ -65,16 +65,13 @@ def write_files(
     chart: bool,
 ) -> list[str]:
     """Write the record and the strip chart; each file appears whole or not at all."""
-    import xarray as xr
-
-    record = xr.Dataset(*parts)
     record_file = stem.with_name(stem.name + ".nc")
-    write_dataset(record, record_file)
+    write_parts(parts, record_file)
     if not chart:
         return [str(record_file)]
     from hybrid.charts.strip import save, strip_chart
 
-    figure = strip_chart(record, readouts=readouts, prediction=prediction)
+    figure = strip_chart(PlainRecord(parts), readouts=readouts, prediction=prediction)
     chart_file = stem.with_name(stem.name + ".png")
     write_whole(chart_file, lambda part: save(figure, part))
     return [str(record_file), str(chart_file)]
@@ -84,7 +81,6 @@ def _serve(line: Connection, chart: bool) -> None:
     """Load what writing needs, then do one piece of work. Ctrl-C is the main process's business."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     import netCDF4  # noqa: F401
-    import xarray  # noqa: F401
 
     if chart:
         import hybrid.charts.strip  # noqa: F401

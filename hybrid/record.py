@@ -81,6 +81,25 @@ def parameter_texts(machine: Machine) -> dict[str, str]:
 Parts = tuple[dict[str, Any], dict[str, Any], dict[str, Any]]
 
 
+class PlainSignal:
+    """Values and attributes of one variable, read like those of an xarray.Dataset."""
+
+    def __init__(self, values: Any, attrs: dict[str, Any]) -> None:
+        self.values, self.attrs = values, attrs
+
+
+class PlainRecord:
+    """A record's parts read like an xarray.Dataset, which takes a third of a second to load."""
+
+    def __init__(self, parts: Parts) -> None:
+        variables, coordinates, self.attrs = parts
+        self.data_vars = {name: PlainSignal(*entry[1:]) for name, entry in variables.items()}
+        self.coords = {name: PlainSignal(*entry[1:]) for name, entry in coordinates.items()}
+
+    def __getitem__(self, name: str) -> PlainSignal:
+        return self.data_vars[name] if name in self.data_vars else self.coords[name]
+
+
 def record_parts(
     machine: Machine,
     pens: tuple[Pen, ...],
@@ -130,6 +149,28 @@ def _versions() -> dict[str, str]:
         "numba": numba_version,
         "python": platform.python_version(),
     }
+
+
+def write_parts(parts: Parts, path: Path) -> None:
+    """Write a record as NetCDF, just as xarray would but without loading it; whole or not at all.
+
+    Raises RunError where it cannot.
+    """
+    import netCDF4
+
+    variables, coordinates, attributes = parts
+
+    def write(name: str) -> None:
+        with netCDF4.Dataset(name, "w") as file:
+            rows = coordinates["time"][1]
+            file.createDimension("time", len(rows))
+            for variable, (_, values, about) in {**coordinates, **variables}.items():
+                made = file.createVariable(variable, "f8", ("time",))
+                made[:] = values
+                made.setncatts(about)
+            file.setncatts(attributes)
+
+    write_whole(path, write)
 
 
 def write_dataset(dataset: xr.Dataset, path: Path) -> None:

@@ -12,13 +12,17 @@ The product of a decimal and a unit factor is formed exactly, as a fraction, and
 from __future__ import annotations
 
 import difflib
+import json
 import math
 import numbers
+import os
 import re
 from collections.abc import Iterable
 from dataclasses import dataclass
 from fractions import Fraction
 from functools import lru_cache
+from importlib.metadata import version
+from pathlib import Path
 from typing import Any
 
 LONGEST_TEXT = 200
@@ -218,6 +222,53 @@ def _rounded_product(number: str, factor: Fraction, text: object) -> float:
     return value
 
 
+class _Met:
+    """Units met before, kept on disk: pint takes a quarter of a second to load, and rarely has news.
+
+    What is kept is pint's answer word for word, under the version of pint that gave it. A folder that
+    cannot be read or written, or a damaged file, only means asking pint again.
+    """
+
+    def __init__(self) -> None:
+        self.answers: dict[str, list[str]] | None = None
+
+    def _file(self) -> Path:
+        base = os.environ.get("XDG_CACHE_HOME") or os.path.join(os.path.expanduser("~"), ".cache")
+        return Path(base) / "hybrid" / f"units-{version('pint')}.json"
+
+    def get(self, unit: str) -> tuple[Fraction, dict[str, Fraction]] | None:
+        """Factor and exponents of a unit met before."""
+        if self.answers is None:
+            try:
+                self.answers = json.loads(self._file().read_text(encoding="utf-8"))
+            except (OSError, ValueError):
+                self.answers = {}
+        try:
+            factor, *powers = self.answers[unit]
+            pairs = (power.split("=") for power in powers)
+            return Fraction(factor), {name: Fraction(power) for name, power in pairs}
+        except (KeyError, TypeError, ValueError, AttributeError):
+            return None
+
+    def keep(self, unit: str, factor: Fraction, powers: dict[str, Any]) -> None:
+        """Add an answer of pint's; the file is replaced whole, so that two runs cannot mix theirs."""
+        if not isinstance(self.answers, dict):
+            self.answers = {}
+        try:
+            pairs = [f"{name}={Fraction(power)}" for name, power in powers.items()]
+            self.answers[unit] = [str(factor), *pairs]
+            file = self._file()
+            file.parent.mkdir(parents=True, exist_ok=True)
+            part = file.with_suffix(f".{os.getpid()}")
+            part.write_text(json.dumps(self.answers), encoding="utf-8")
+            part.replace(file)
+        except (OSError, ValueError, TypeError):
+            return
+
+
+_MET = _Met()
+
+
 @lru_cache(maxsize=1024)
 def _unit(unit: str) -> tuple[Fraction, Dimension]:
     """Exact factor to SI units and dimension of a unit's text; the empty text is a pure 1."""
@@ -238,6 +289,9 @@ def _unit(unit: str) -> tuple[Fraction, Dimension]:
 
 def _ask_pint(plain: str, unit: str) -> tuple[Fraction, dict[str, Any]]:
     """Factor to SI base units and exponents of pint's dimensions ("[time]") of a checked unit."""
+    known = _MET.get(plain)
+    if known is not None:
+        return known
     registry = _registry()
     try:
         parsed = registry.parse_units(plain)
@@ -252,6 +306,7 @@ def _ask_pint(plain: str, unit: str) -> tuple[Fraction, dict[str, Any]]:
         raise UnitError(f"{_shown(unit)} has an offset zero point; give temperatures in kelvin (K)")
     if factor <= 0:
         raise UnitError(f"{_shown(unit)} is not a positive unit; write the number itself")
+    _MET.keep(plain, factor, powers)
     return factor, powers
 
 

@@ -7,6 +7,7 @@ import subprocess
 import sys
 import time
 from fractions import Fraction
+from pathlib import Path
 
 import pytest
 from hypothesis import given, settings
@@ -289,3 +290,25 @@ def test_a_cache_folder_that_cannot_be_written_does_not_matter(tmp_path):
     places = {"XDG_CACHE_HOME": str(blocked), "HOME": str(blocked), "LOCALAPPDATA": str(blocked)}
     code = "from hybrid.units import *; print(parse_quantity('1 ms').value)"
     assert _run(code, **places) == "0.001"
+
+
+@pytest.mark.parametrize("damage", ["", "not json", "[]", '{"ms": 5}', '{"ms": ["x"]}'])
+def test_units_met_before_are_kept_on_disk(tmp_path: Path, damage: str) -> None:
+    code = (
+        "import sys; from hybrid.units import parse_quantity as q; "
+        "print(q('250 ms').value, q('2 slug*ft^2').value, 'pint' in sys.modules)"
+    )
+
+    def ask() -> list[str]:
+        environment = {**os.environ, "XDG_CACHE_HOME": str(tmp_path)}
+        command = [sys.executable, "-c", code]
+        done = subprocess.run(command, env=environment, capture_output=True, text=True, check=True)
+        return done.stdout.split()
+
+    first = ask()
+    assert first[0] == "0.25" and first[2] == "True"
+    assert float(first[1]) == pytest.approx(2 * 14.593902937206 * 0.3048**2, rel=1e-12)
+    assert ask() == [*first[:2], "False"]
+    if damage:
+        next(tmp_path.glob("hybrid/units-*.json")).write_text(damage)
+        assert ask() == first  # pint is asked again

@@ -26,6 +26,10 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from numpy.typing import NDArray
 
+    from hybrid.record import PlainRecord
+
+    Recorded = xr.Dataset | PlainRecord
+
     Floats = NDArray[np.float64]
 
 __all__ = ["lane_limits", "save", "strip_chart"]
@@ -65,7 +69,7 @@ class Lane:
 
 
 def strip_chart(
-    record: xr.Dataset,
+    record: Recorded,
     readouts: Mapping[str, Mapping[str, Any]] | None = None,
     prediction: Sequence[Mapping[str, Any]] | None = None,
     signals: Sequence[str] | None = None,
@@ -119,7 +123,7 @@ def lane_limits(values: Floats, full_scale: float) -> tuple[float, float]:
 # -- from the record to plain values ---------------------------------------------------------------
 
 
-def _chosen_signals(record: xr.Dataset, signals: Sequence[str] | None) -> list[str]:
+def _chosen_signals(record: Recorded, signals: Sequence[str] | None) -> list[str]:
     available = [str(name) for name in record.data_vars]
     if signals is None:
         return available
@@ -129,7 +133,7 @@ def _chosen_signals(record: xr.Dataset, signals: Sequence[str] | None) -> list[s
     return list(signals)
 
 
-def _overloads(record: xr.Dataset) -> dict[str, list[tuple[float, int]]]:
+def _overloads(record: Recorded) -> dict[str, list[tuple[float, int]]]:
     """Signal -> its overloads as (first time in s, number of instants), by time."""
     found: dict[str, list[tuple[float, int]]] = {}
     for event in json.loads(record.attrs.get("overloads") or "[]"):
@@ -138,7 +142,7 @@ def _overloads(record: xr.Dataset) -> dict[str, list[tuple[float, int]]]:
     return {signal: sorted(events) for signal, events in found.items()}
 
 
-def _lane(record: xr.Dataset, name: str, overloads: Sequence[tuple[float, int]]) -> Lane:
+def _lane(record: Recorded, name: str, overloads: Sequence[tuple[float, int]]) -> Lane:
     about = record[name].attrs
     values = np.asarray(record[name].values, dtype=np.float64)
     values = np.where(np.abs(values) < 1 / TINY, values, np.nan)
@@ -149,7 +153,7 @@ def _lane(record: xr.Dataset, name: str, overloads: Sequence[tuple[float, int]])
     )
 
 
-def _heading(record: xr.Dataset, signal_count: int) -> list[tuple[str, str]]:
+def _heading(record: Recorded, signal_count: int) -> list[tuple[str, str]]:
     """Return the lines above the lanes, each with its colour; the first is the title."""
     about = record.attrs
     time_s = record["time"].values

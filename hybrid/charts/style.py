@@ -325,5 +325,12 @@ def save(figure: Figure, path: str | PathLike[str]) -> Path:
     with warnings.catch_warnings():
         # A title in a script that the font lacks shows boxes; that is no reason to complain.
         warnings.filterwarnings("ignore", message="Glyph .* missing", category=UserWarning)
-        figure.savefig(target, format="png", dpi=DPI, metadata={"Software": None})
+        # Packing harder takes three times as long and saves a quarter of a small file.
+        figure.savefig(
+            target,
+            format="png",
+            dpi=DPI,
+            metadata={"Software": None},
+            pil_kwargs={"compress_level": 1},
+        )
     return target

@@ -1,0 +1,69 @@
+"""A run's files hold exactly what the run holds, whichever process wrote them."""
+
+from __future__ import annotations
+
+import math
+from pathlib import Path
+
+import numpy as np
+import pytest
+import xarray as xr
+
+from hybrid.errors import RunError
+from hybrid.filing import Filing, write_files
+from hybrid.patchfile import parse_patch
+from hybrid.record import PlainRecord
+from hybrid.runs import Run, run
+
+
+@pytest.fixture(scope="module")
+def result() -> Run:
+    text = """
+title: A decay
+machine: ideal
+analog: {x: {integrate: {x: -1}, initial: 1, full_scale: 1}}
+interface: {s: {adc: x, bits: 12}}
+digital: {period: 10 ms, program: {twice: 2*s}}
+run: {until: 1 s}
+"""
+    return run(parse_patch(text, "decay.yaml"))
+
+
+def same(stored: xr.Dataset, result: Run) -> None:
+    xr.testing.assert_equal(stored, result.record)
+    for name in ("time", *result.record.data_vars):
+        for key, value in result.record[name].attrs.items():
+            kept = stored[name].attrs[key]
+            assert kept == value or (math.isnan(kept) and math.isnan(value))
+    assert {k: stored.attrs[k] for k in result.record.attrs} == dict(result.record.attrs)
+
+
+def test_the_second_process_writes_record_and_chart(result: Run, tmp_path: Path) -> None:
+    with Filing(chart=True) as filing:
+        files = filing.write(result.parts(), result.readouts, None, tmp_path / "decay")
+    assert [Path(f).name for f in files] == ["decay.nc", "decay.png"]
+    with xr.open_dataset(files[0]) as stored:
+        same(stored.load(), result)
+    assert Path(files[1]).read_bytes().startswith(b"\x89PNG")
+    assert sorted(p.name for p in tmp_path.iterdir()) == ["decay.nc", "decay.png"]
+
+
+def test_a_killed_process_loses_nothing(result: Run, tmp_path: Path) -> None:
+    with Filing(chart=False) as filing:
+        filing.process.kill()
+        filing.process.join()
+        files = filing.write(result.parts(), result.readouts, None, tmp_path / "decay")
+    with xr.open_dataset(files[0]) as stored:
+        same(stored.load(), result)
+
+
+def test_what_cannot_be_written_is_said(result: Run, tmp_path: Path) -> None:
+    with pytest.raises((RunError, OSError)):
+        write_files(result.parts(), {}, None, tmp_path / "no folder" / "decay", False)
+
+
+def test_a_plain_record_reads_like_a_dataset(result: Run) -> None:
+    plain = PlainRecord(result.parts())
+    assert list(plain.data_vars) == list(result.record.data_vars)
+    assert np.array_equal(plain["x"].values, result.record["x"].values)
+    assert plain["time"].attrs == result.record["time"].attrs
