@@ -27,6 +27,7 @@ if TYPE_CHECKING:
     from hybrid.patch import Patch
 
 EXIT_STOPPED, EXIT_MISTAKE, EXIT_INTERRUPTED = 1, 2, 130
+NARROWEST_TABLE = 130
 # A bar for less than this would only flicker.
 SHOW_PROGRESS_AFTER_S = 0.7
 
@@ -177,7 +178,11 @@ def _run(options: argparse.Namespace, filing: Filing) -> int:
         result = run(machine, seed=options.seed, progress=progress)
     modes = None if isinstance(prediction, str) else prediction.to_dicts()
     stem = folder / Path(patch.file).stem
-    files = filing.write(result.parts(), result.readouts, modes, stem)
+    before = signal.signal(signal.SIGINT, signal.SIG_IGN)  # another Ctrl-C must not lose the record
+    try:
+        files = filing.write(result.parts(), result.readouts, modes, stem)
+    finally:
+        signal.signal(signal.SIGINT, before)
     if options.json:
         _print_json(
             patch=patch.file,
@@ -389,7 +394,10 @@ def _save_chart(figure: Any, path: Path) -> str:
 def _console() -> Console:
     from rich.console import Console
 
-    return Console(highlight=False)
+    console = Console(highlight=False)
+    # A line too long for the terminal wraps there; a figure that is cut off would be a wrong figure.
+    console.width = max(console.width, NARROWEST_TABLE)
+    return console
 
 
 def _say_if_compiling() -> None:

@@ -24,7 +24,7 @@ from hybrid.expressions import Name
 from hybrid.layout import build_analog
 from hybrid.linearity import NotLinear, linear_program
 from hybrid.machine import Analog, Floats, Machine, OutputStage
-from hybrid.patch import Patch, literal
+from hybrid.patch import Patch, RunSettings, literal
 from hybrid.scale import to_seconds
 from hybrid.tape import build_tape
 from hybrid.timeline import Happening, Segment, build_timeline
@@ -262,8 +262,18 @@ def modes(machine: Machine) -> tuple[Mode, ...]:
         pairs = [(s, complex(np.nan, np.nan)) for s in exact]
     else:
         pairs = _pair(exact, ideal)
+        pairs += _unmeant(exact, pairs)
     found = [_mode(s, i) for s, i in pairs if s.imag >= 0]
     return tuple(sorted(found, key=lambda m: (m.omega, m.zeta)))
+
+
+def _unmeant(exact: Complex, pairs: list[tuple[complex, complex]]) -> list[tuple[complex, complex]]:
+    """Modes that nobody meant and that matter: those that grow, or are slower than a meant one."""
+    taken = {mode for mode, _ in pairs}
+    slowest = max((abs(ideal) for _, ideal in pairs), default=0.0)
+    nothing = complex(np.nan, np.nan)
+    left = [complex(s) for s in exact if complex(s) not in taken]
+    return [(s, nothing) for s in left if s.real > 0.0 or abs(s) < slowest]
 
 
 def _pair(exact: Complex, ideal: Complex) -> list[tuple[complex, complex]]:
@@ -293,8 +303,10 @@ def with_period(
 ) -> tuple[Patch, dict[str, float]]:
     """The same patch with another cycle time: through its parameter where it is one."""
     assert patch.program is not None
-    expr = patch.program.period.expr
+    # Nothing is run: only the clockwork of a few cycles is wanted, however long the patch's run is.
+    program, run = patch.program, RunSettings(literal(100.0 * period_s))
+    expr = program.period.expr
     if isinstance(expr, Name):
-        return patch, {**overrides, expr.id: period_s}
-    program = replace(patch.program, period=replace(literal(period_s), positive=True))
-    return replace(patch, program=program), dict(overrides)
+        return replace(patch, run=run), {**overrides, expr.id: period_s}
+    program = replace(program, period=replace(literal(period_s), positive=True))
+    return replace(patch, program=program, run=run), dict(overrides)

@@ -51,16 +51,22 @@ def dependency_order(needs: Mapping[str, list[str]]) -> tuple[str, ...]:
     return tuple(order)
 
 
+# A graph of many layers has more paths than can be walked; the search ends after this many steps.
+MOST_STEPS = 200_000
+
+
 def simple_loops(follows: Mapping[str, list[str]], most: int = 100) -> list[tuple[str, ...]]:
     """Loops that pass no name twice, each once, starting at its first name; at most `most`.
 
     `follows` maps a name to those it feeds.
     """
     found: list[tuple[str, ...]] = []
+    steps = MOST_STEPS
     for root in sorted(follows):
         # Names before the root have had their turn, so every loop is found at its first name only.
         stack: list[tuple[str, tuple[str, ...]]] = [(root, (root,))]
-        while stack and len(found) < most:
+        while stack and len(found) < most and steps:
+            steps -= 1
             name, path = stack.pop()
             for target in sorted(follows.get(name, ()), reverse=True):
                 if target == root:

@@ -265,8 +265,10 @@ def _damping_error(machine: Machine) -> Callable[[float], float]:
             compiled = compile_patch(patch, overrides, machine.preset, machine.serial)
         except RunError:
             return math.inf
-        return max(
-            abs(m.zeta - m.zeta_ideal) for m in coupling.modes(compiled) if m.omega_ideal > 0
-        )
+        found = coupling.modes(compiled)
+        if any(math.isnan(m.omega_ideal) and m.zeta < 0 for m in found):
+            return math.inf  # a mode grows that nobody meant
+        errors = [abs(m.zeta - m.zeta_ideal) for m in found if m.omega_ideal > 0]
+        return max(errors, default=math.inf)
 
     return error

@@ -15,7 +15,7 @@ import numpy as np
 
 from hybrid.compiler import compile_patch
 from hybrid.engine import kernel
-from hybrid.engine.linear import Overload, Player
+from hybrid.engine.linear import DAC_SUFFIX, Overload, Player
 from hybrid.errors import RunError
 from hybrid.machine import Floats, Machine, Pen
 from hybrid.patch import Patch, Readout
@@ -180,13 +180,14 @@ def _overloads(machine: Machine, found: tuple[Overload, ...]) -> tuple[dict[str,
     }  # an ADC's value is in machine units of the signal it samples
     entries = []
     for o in found:
-        name = o.signal.removesuffix(" (DAC)")
+        name = o.signal.removesuffix(DAC_SUFFIX)
         scale = to_problem.get(name, scales[name])
         entries.append(
             {
                 "signal": o.signal,
                 "time_s": o.time_s,
                 "value": o.value_mu * scale,
+                "worst_value": o.worst_mu * scale,
                 "worst_time_s": o.worst_time_s,
                 "instants": o.instants,
                 "units": units[name][0],
@@ -221,20 +222,23 @@ def _window(readout: Readout, scope: Mapping[str, float], result: Run) -> tuple[
     end_s = readout.end.number(scope) if readout.end else np.inf
     first = int(np.searchsorted(result.time_s, start_s, side="left"))
     last = int(np.searchsorted(result.time_s, end_s, side="right"))
-    if _cut_by_overload(readout, result):
-        overload_s = result.overloads[0]["time_s"]
-        last = min(last, int(np.searchsorted(result.time_s, overload_s, side="left")))
+    clipped = _first_clip(readout, result)
+    if clipped is not None:
+        last = min(last, int(np.searchsorted(result.time_s, clipped["time_s"], side="left")))
     return first, max(last, first)
 
 
-def _cut_by_overload(readout: Readout, result: Run) -> bool:
-    machine = result.machine
-    clips = any(s.clips for s in machine.samplers) or any(h.clips for h in machine.holders)
-    return readout.kind == "transient" and clips and bool(result.overloads)
+def _first_clip(readout: Readout, result: Run) -> dict[str, Any] | None:
+    """The first overload of a converter that clips, for a transient; analog signals go on."""
+    if readout.kind != "transient":
+        return None
+    clips = {s.name for s in result.machine.samplers if s.clips}
+    clips |= {h.name + DAC_SUFFIX for h in result.machine.holders if h.clips}
+    return next((o for o in result.overloads if o["signal"] in clips), None)
 
 
 def _overload_note(readout: Readout, result: Run, last: int) -> str:
-    if not _cut_by_overload(readout, result) or last >= len(result.time_s):
+    first = _first_clip(readout, result)
+    if first is None or last >= len(result.time_s):
         return ""
-    first = result.overloads[0]
     return f"read up to the overload of {first['signal']} at {first['time_s']:.6g} s"

@@ -123,7 +123,7 @@ def _show_overloads(console: Console, overloads: Sequence[Mapping[str, Any]]) ->
         (
             o["signal"],
             figure(o["time_s"], 7),
-            f"{figure(o['value'], 5)} {o['units']}".strip(),
+            f"{figure(o['worst_value'], 5)} {o['units']}".strip(),
             figure(o["worst_time_s"], 7),
             figure(o["full_scale"], 5),
         )

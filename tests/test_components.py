@@ -351,7 +351,7 @@ def test_overload_is_noted_at_the_first_instant_beyond(play):
     found = {overload.signal: overload for overload in played.player.overloads()}
     assert set(found) == {"x", "twice"}
     assert (found["x"].time_s, found["twice"].time_s) == (0.8, 0.6)
-    assert found["x"].value_mu == pytest.approx(-2 / 0.75) and found["x"].worst_time_s == 2.0
+    assert found["x"].worst_mu == pytest.approx(-2 / 0.75) and found["x"].worst_time_s == 2.0
     assert found["x"].instants == 13
 
 

@@ -118,7 +118,7 @@ def test_full_scale_saturates_exactly_and_is_no_overload_of_the_signal(play, bit
     assert beyond["x"].time_s == played.time_s[first]
     over = np.flatnonzero(played["code"] > 1.0)[0]
     assert beyond["shown (DAC)"].time_s == played.time_s[over]
-    assert beyond["shown (DAC)"].value_mu == pytest.approx(1.2, rel=1e-9)
+    assert beyond["shown (DAC)"].worst_mu == pytest.approx(1.2, rel=1e-9)
     assert beyond["shown (DAC)"].worst_time_s == 200.0
     assert beyond["shown (DAC)"].instants == np.sum(played["code"] > 1.0)
 
@@ -130,7 +130,7 @@ def test_adc_saturates_and_says_when(play, slope, reach):
     beyond = np.flatnonzero(np.abs(played["x"]) > reach)
     assert found.time_s == played.time_s[beyond[0]]
     assert found.instants == len(beyond)
-    assert found.value_mu == played["x"][-1] == pytest.approx(1.25 * slope, rel=1e-13)
+    assert found.worst_mu == played["x"][-1] == pytest.approx(1.25 * slope, rel=1e-13)
     assert found.worst_time_s == 200.0
     assert np.max(np.abs(played["word"])) == reach
     # What the DAC shows is within its full scale, so no overload.

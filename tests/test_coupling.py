@@ -560,3 +560,26 @@ def test_largest_cycle_where_the_compute_time_alone_is_too_long(shipped, compile
     machine = compiled(shipped("pitch_loop", ("compute_time: cycle", "compute_time: 5 ms")))
     with pytest.raises(RunError, match="compute and conversion times in seconds alone exceed it"):
         largest_cycle_s(machine, 0.01)
+
+
+# --- modes that nobody meant -----------------------------------------------------------------------
+
+
+def test_a_mode_that_grows_is_listed_although_nobody_meant_it(shipped, compiled):
+    # drift(k + 1) = 1.05 drift(k) grows by itself: s = ln(1.05) / T = 48.79 1/s.
+    text = shipped(
+        "pitch_loop",
+        ("  program:\n", "  remember: {drift: 0}\n  program:\n    drift: 1.05*previous(drift)\n"),
+    )
+    grows = [m for m in modes(compiled(text)) if math.isnan(m.omega_ideal)]
+    assert [m.omega for m in grows] == pytest.approx([math.log(1.05) / 1e-3], rel=1e-9)
+    assert [m.zeta for m in grows] == [-1.0]
+
+
+@pytest.mark.parametrize("inertia", [1e-3, 1.0, 1e5, 1e9])
+@pytest.mark.parametrize("omega_p", [0.1, 10.0, 84.0, 500.0])
+def test_units_of_the_words_do_not_matter(shipped, compiled, inertia, omega_p):
+    parameters = {"I_yy": inertia, "omega_p": omega_p}
+    found = modes(compiled(shipped("pitch_loop"), parameters))
+    exact = theory.exact_uncompensated(omega_p, 1e-3)
+    assert [m.zeta for m in found if m.omega_ideal > 0] == pytest.approx([exact.zeta], abs=1e-12)

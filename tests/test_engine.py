@@ -524,7 +524,7 @@ def test_overloads_of_a_growing_loop(shipped, play):
         assert found[name].instants == len(beyond)
         worst = np.argmax(np.abs(values))
         assert found[name].worst_time_s == played.time_s[worst]
-        assert found[name].value_mu == pytest.approx(values[worst], rel=1e-12)
+        assert found[name].worst_mu == pytest.approx(values[worst], rel=1e-12)
     times = [overload.time_s for overload in played.player.overloads()]
     assert times == sorted(times)
 
@@ -535,7 +535,7 @@ def test_run_gives_overloads_in_problem_units(shipped, tmp_path):
     found = {entry["signal"]: entry for entry in result.overloads}
     moment = found["M_a"]
     assert moment["units"] == "N*m" and moment["full_scale"] == 5e4
-    assert abs(moment["value"]) == pytest.approx(
+    assert abs(moment["worst_value"]) == pytest.approx(
         np.max(np.abs(result.record["M_a"].values)), rel=0.01
     )
     assert result.status == "complete" and result.status_note == ""

@@ -359,7 +359,7 @@ def test_overloads_count_the_instants_beyond(play):
     found = {overload.signal: overload for overload in played.player.overloads()}["echo"]
     assert found.instants == sum(beyond)
     assert found.time_s == to_seconds(instants[beyond.index(True)]) == 16.5
-    assert found.value_mu == 31 / 16 and found.worst_time_s == 30.5
+    assert found.worst_mu == 31 / 16 and found.worst_time_s == 30.5
 
 
 def test_ties_in_name_order_and_all_before_the_record(play):

@@ -80,8 +80,8 @@ class State(NamedTuple):
     ring: Floats  # (depth, words): results on their way
     words: Floats  # (words,): results that can be read
     counts: Ints  # see the constants below
-    overload: Ints  # (signals + adcs + dacs, 5): see the constants below
-    worst: Floats  # (signals + adcs + dacs,)
+    overload: Ints  # (signals + adcs + dacs, 6): see the constants below
+    beyond: Floats  # (signals + adcs + dacs, 2): first and worst value
 
 
 # Columns of Score.instants; a range takes two.
@@ -179,31 +179,32 @@ def convert(value: float, limit: float, step: float, clips: float) -> float:
 
 @compiled
 def note_overload(
-    notes: Ints, worst: Floats, row: int, value: float, repeat: int, at: int, last: int
+    notes: Ints, values: Floats, row: int, value: float, repeat: int, at: int, last: int
 ) -> None:
     """Remember that `row` went beyond its range at (repeat, instant)."""
     if notes[row, TIMES] == 0:
         notes[row, FIRST_REPEAT] = repeat
         notes[row, FIRST_INSTANT] = at
+        values[row, 0] = value
     # The last instant of a repeat is the first of the next, seen from before.
     number = (repeat + 1) * last + 1 if at == last else repeat * last + at + 1
     if notes[row, LAST] != number:
         notes[row, TIMES] += 1
         notes[row, LAST] = number
-    if abs(value) > abs(worst[row]):
-        worst[row] = value
+    if abs(value) > abs(values[row, 1]):
+        values[row, 1] = value
         notes[row, WORST_REPEAT] = repeat
         notes[row, WORST_INSTANT] = at
 
 
 @compiled
 def watch(
-    signal: Ints, v: Floats, notes: Ints, worst: Floats, repeat: int, at: int, last: int
+    signal: Ints, v: Floats, notes: Ints, values: Floats, repeat: int, at: int, last: int
 ) -> None:
     """Note every analog signal that is beyond full scale."""
     for s in range(signal.shape[0]):
         if abs(v[signal[s]]) > 1.0:
-            note_overload(notes, worst, s, v[signal[s]], repeat, at, last)
+            note_overload(notes, values, s, v[signal[s]], repeat, at, last)
 
 
 @compiled
@@ -233,7 +234,7 @@ def play(
     adc, adc_figures, dac, dac_figures, steps, step_values = coupling
     code, word_registers, memory = deck
     source, factor = pens
-    v, next_v, sample, registers, ring, words, count, notes, worst = state
+    v, next_v, sample, registers, ring, words, count, notes, values = state
     signals, adcs, depth = signal.shape[0], adc.shape[0], ring.shape[0]
     columns, inputs, sums = change.shape[2], reach.shape[0], reach.shape[1]
     states_end = sums + states
@@ -274,7 +275,7 @@ def play(
                 beyond += abs(v[i]) > 1.0
                 lost += not abs(v[i]) <= RUNAWAY_MU
             if beyond > 0:
-                watch(signal, v, notes, worst, repeat, at, last)
+                watch(signal, v, notes, values, repeat, at, last)
             if lost > 0:
                 outcome = RUNAWAY
                 break
@@ -283,7 +284,7 @@ def play(
         for i in range(instants[at, CONVERT], instants[at, CONVERT + 1]):
             value, limit = sample[i], adc_figures[i, 1]
             if abs(value) > limit:
-                note_overload(notes, worst, signals + i, value, repeat, at, last)
+                note_overload(notes, values, signals + i, value, repeat, at, last)
             word = convert(value, limit, adc_figures[i, 2], adc_figures[i, 3])
             registers[adc[i, 1]] = word * adc_figures[i, 0]
         for _start in range(instants[at, START]):
@@ -304,7 +305,7 @@ def play(
             if not abs(value) <= RUNAWAY_MU and outcome == PAUSED:
                 outcome = RUNAWAY
             if abs(value) > 1.0:
-                note_overload(notes, worst, signals + adcs + i, value, repeat, at, last)
+                note_overload(notes, values, signals + adcs + i, value, repeat, at, last)
             held = dac[i, 1]
             value = convert(value, 1.0, dac_figures[i, 1], dac_figures[i, 2])
             for s in range(sums):
@@ -323,7 +324,7 @@ def play(
             for s in range(signals):
                 beyond += abs(v[signal[s]]) > 1.0
             if beyond > 0:
-                watch(signal, v, notes, worst, repeat, at, last)
+                watch(signal, v, notes, values, repeat, at, last)
         for _record in range(instants[at, RECORD]):
             if skip == 0:
                 for p in range(source.shape[0]):

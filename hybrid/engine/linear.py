@@ -23,16 +23,19 @@ from hybrid.timeline import Happening, Segment, Timeline
 # Small enough to answer Ctrl-C at once and to keep the normal draws in the cache.
 CHUNK_INSTANTS = 200_000
 CHUNK_DRAWS = 1 << 17
+# Tells the overload of a DAC's input from that of the analog signal it drives.
+DAC_SUFFIX = " (DAC)"
 MOST_INTERVALS = 20_000
 
 
 @dataclass(frozen=True, slots=True)
 class Overload:
-    """One signal beyond its range: first and worst instant, value in machine units."""
+    """One signal beyond its range: first and worst instant and value, in machine units."""
 
     signal: str
     time_s: float
     value_mu: float
+    worst_mu: float
     worst_time_s: float
     instants: int
 
@@ -60,10 +63,10 @@ class Player:
         self.outcome = kernel.PAUSED
         self._draws = [_draws(score.instants, self.plant.draws) for score in self.scores]
         # Where earlier segments' overloads began, as the kernel's counts start anew in each.
-        self._overload_s: dict[int, tuple[float, float, float, int]] = {}
+        self._overload_s: dict[int, tuple[float, float, float, float, int]] = {}
         for row, value in enumerate(self.state.v[self.plant.signal].tolist()):
             if abs(value) > 1.0:
-                self._overload_s[row] = (0.0, value, 0.0, 1)
+                self._overload_s[row] = (0.0, value, value, 0.0, 1)
                 self.state.overload[row, kernel.LAST] = 1
 
     def play(self) -> Iterator[float]:
@@ -123,12 +126,9 @@ class Player:
         names = [
             *self.machine.analog.signals,
             *(s.name for s in self.machine.samplers),
-            *(h.name + " (DAC)" for h in self.machine.holders),
+            *(h.name + DAC_SUFFIX for h in self.machine.holders),
         ]
-        found = [
-            Overload(names[row], first, worst, at, instants)
-            for row, (first, worst, at, instants) in self._overload_s.items()
-        ]
+        found = [Overload(names[row], *facts) for row, facts in self._overload_s.items()]
         return tuple(sorted(found, key=lambda o: (o.time_s, o.signal)))
 
     def _chunk(self) -> int:
@@ -170,17 +170,17 @@ class Player:
             return
         notes = self.state.overload
         for row in np.flatnonzero(notes[:, kernel.TIMES]).tolist():
-            note, worst = notes[row], float(self.state.worst[row])
+            note, (value, worst) = notes[row], self.state.beyond[row].tolist()
             first = self._instant_s(note[kernel.FIRST_REPEAT], note[kernel.FIRST_INSTANT])
             worst_s = self._instant_s(note[kernel.WORST_REPEAT], note[kernel.WORST_INSTANT])
             instants = int(note[kernel.TIMES])
             if row in self._overload_s:
-                first, old_worst, old_s, old_instants = self._overload_s[row]
+                first, value, old_worst, old_s, old_instants = self._overload_s[row]
                 instants += old_instants
                 if abs(old_worst) >= abs(worst):
                     worst, worst_s = old_worst, old_s
-            self._overload_s[row] = (first, worst, worst_s, instants)
-        self.state.worst[:] = 0.0
+            self._overload_s[row] = (first, value, worst, worst_s, instants)
+        self.state.beyond[:] = 0.0
         # An overload at the very end of a segment is at the first instant of the next one too.
         segment, last = self.timeline.segments[self.segment], len(self.offsets[self.segment]) - 1
         at_the_end = notes[:, kernel.LAST] == segment.repeats * last + 1
@@ -326,7 +326,7 @@ def _state(machine: Machine, timeline: Timeline) -> State:
         np.zeros(words),
         np.zeros(7, dtype=np.int64),
         np.zeros((watched, 6), dtype=np.int64),
-        np.zeros(watched),
+        np.zeros((watched, 2)),
     )
 
 
