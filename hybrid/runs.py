@@ -14,12 +14,14 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from hybrid.compiler import compile_patch
+from hybrid.coupling import modes
 from hybrid.engine import kernel
 from hybrid.engine.linear import DAC_SUFFIX, Overload, Player
 from hybrid.errors import RunError
+from hybrid.linearity import NotLinear
 from hybrid.machine import Floats, Machine, Pen
 from hybrid.patch import Patch, Readout
-from hybrid.readout import READOUTS
+from hybrid.readout import FEWEST_ROWS_PER_CYCLE, READOUTS
 from hybrid.record import Parts, full_scales, pens_for, record_parts, signal_units
 from hybrid.scale import to_seconds
 from hybrid.timeline import build_timeline
@@ -204,12 +206,36 @@ def _read_out(result: Run, interval_s: float) -> dict[str, dict[str, Any]]:
     for readout in result.machine.patch.readouts:
         first, last = _window(readout, scope, result)
         values = np.ascontiguousarray(result.rows[first:last, columns[readout.signal]])
+        sparse = _too_sparse(result.machine, interval_s) if readout.kind == "transient" else ""
         try:
+            if sparse:
+                raise ValueError(sparse)
             quantities = READOUTS[readout.kind](result.time_s[first:last], values)
         except ValueError as reason:
-            quantities = {"reason": str(reason)}
+            quantities = {"omega": None, "omega_damped": None, "zeta": None} if sparse else {}
+            quantities["reason"] = str(reason)
         found[readout.name] = {**quantities, "note": _overload_note(readout, result, last)}
     return found
+
+
+def _too_sparse(machine: Machine, interval_s: float) -> str:
+    """Why rows so far apart cannot show the patch's fastest mode; '' where they can.
+
+    A record alone cannot tell an oscillation from its alias. Rows at every cycle always can: the
+    program itself sees no more.
+    """
+    if machine.timing.period and interval_s <= machine.cycle_s:
+        return ""
+    try:
+        fastest = max((m.omega_damped for m in modes(machine) if m.omega_ideal > 0), default=0.0)
+    except NotLinear:
+        return ""
+    if fastest * interval_s * FEWEST_ROWS_PER_CYCLE <= 2.0 * np.pi:
+        return ""
+    return (
+        f"a row every {interval_s:g} s is too sparse for the predicted mode of {fastest:.6g} rad/s: "
+        "shorten every: or raise max_rows: in run:"
+    )
 
 
 def _window(readout: Readout, scope: Mapping[str, float], result: Run) -> tuple[int, int]:

@@ -656,3 +656,17 @@ run: {until: 200 s}
     assert cut.status == "interrupted" and cut.cycles > 1000
     # One row a cycle, and one at t = 0; the last instant played may still lack its row.
     assert cut.cycles == len(cut.rows)
+
+
+@pytest.mark.parametrize("change", ["until: 10 s, max_rows: 15", "until: 10 s, every: 0.6 s"])
+def test_rows_too_sparse_for_the_mode_give_a_reason_and_no_alias(shipped, change):
+    # 10 rad/s needs a row every 0.25 s; rows every 0.67 s would show an alias.
+    result = run(parse_patch(shipped("pitch_loop", ("until: 10 s", change))))
+    found = result.readouts["pitch_mode"]
+    assert found["zeta"] is None and "too sparse" in found["reason"]
+
+
+def test_rows_dense_enough_are_read_although_they_are_thinned(shipped):
+    text = shipped("pitch_loop", ("until: 10 s", "until: 10 s, every: 0.1 s"))
+    found = run(parse_patch(text)).readouts["pitch_mode"]
+    assert found["zeta"] == pytest.approx(-0.00749925016, abs=1e-9)
