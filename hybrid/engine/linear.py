@@ -14,7 +14,6 @@ import numpy as np
 from hybrid.engine import kernel
 from hybrid.engine.kernel import Coupling, Deck, Pens, Plant, Score, State
 from hybrid.engine.propagator import Propagator, propagator
-from hybrid.errors import PatchError
 from hybrid.machine import Floats, Machine, Pen
 from hybrid.scale import to_seconds
 from hybrid.streams import stream
@@ -25,7 +24,6 @@ CHUNK_INSTANTS = 200_000
 CHUNK_DRAWS = 1 << 17
 # Tells the overload of a DAC's input from that of the analog signal it drives.
 DAC_SUFFIX = " (DAC)"
-MOST_INTERVALS = 20_000
 
 
 @dataclass(frozen=True, slots=True)
@@ -196,11 +194,6 @@ def _score(timeline: Timeline) -> tuple[list[int], list[list[int]], list[Score]]
         rows, at = _instants(segment, numbers)
         offsets.append(at)
         scores.append(Score(np.array(rows, dtype=np.int32)))
-    if len(numbers) > MOST_INTERVALS:
-        raise PatchError(
-            f"the run has {len(numbers)} different intervals between events (at most "
-            f"{MOST_INTERVALS}); make the record interval and the period multiples of each other"
-        )
     return list(numbers), offsets, scores
 
 
