@@ -427,7 +427,7 @@ RESTLESS = (
 
 def finish(player, sizes):
     for size in sizes:
-        player.play_instants(size)
+        player.play_cues(size)
         if player.outcome != kernel.PAUSED:
             return player
     raise AssertionError("the run did not end")
@@ -456,7 +456,7 @@ def test_chunks_of_a_long_segment_give_the_same_bits(shipped, compiled, start, m
     whole = start(machine, 1)
     for _ in whole.play():
         pass
-    monkeypatch.setattr("hybrid.engine.linear.CHUNK_INSTANTS", 1000)
+    monkeypatch.setattr("hybrid.engine.linear.CHUNK_CUES", 1000)
     pieces = start(machine, 1)
     fractions = list(pieces.play())
     assert len(fractions) > 20 and fractions == sorted(fractions) and fractions[-1] == 1.0

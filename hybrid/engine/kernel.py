@@ -15,39 +15,42 @@ import numba
 import numpy as np
 import numpy.typing as npt
 
+from hybrid.tape import Op
+
 Floats = npt.NDArray[np.float64]
 Ints = npt.NDArray[np.int64]
 
 
 class Score(NamedTuple):
-    """The instants of one segment, a row each: what happens then, in the order of the columns.
+    """The cues of one segment, a row each: what to do, to which, and the number of its instant.
 
-    Columns: the propagator that leads to the instant (-1: none), then half-open ranges of ADCs that
-    sample and ADCs that convert, counts of programs that start and that end, ranges of DACs that latch
-    and of step sources that change, and the number of record events.
+    ADVANCE: the propagator that leads to the next instant; SAMPLE, CONVERT: the ADC; START, END: a
+    program; LATCH: the DAC; SOURCE: the step source; RECORD: a row of the record. LOOK follows what
+    makes signals jump.
     """
 
-    instants: npt.NDArray[np.int32]  # (instants, 12)
+    cues: npt.NDArray[np.int32]  # (cues, 3)
 
 
 class Plant(NamedTuple):
-    """Analog side, for v = [k sums, n states, m held inputs, r normal draws].
+    """Analog side, for v = [padding, k sums, n states, m held inputs, r normal draws].
 
     Every signal is an entry of v; a sum is a signal without lag, a combination of states and inputs.
-    The rows of `change` are the k sums (new values) and the n states (their changes), in blocks of
-    four that lie side by side in memory: that is what one vector instruction takes.
+    `change` gives the sums (new values) and the states (their changes), in blocks of eight rows that
+    lie side by side in memory, as vector instructions take them; the padding fills the first block.
     """
 
-    change: Floats  # (intervals, blocks, n + m + r, 4)
+    change: Floats  # (intervals, blocks, n + m + r, 8)
+    kept: Floats  # (8 * blocks,): 1 for states, to which changes are added, else 0
     draws: Ints  # (intervals,): normal draws each propagator consumes
     signal: Ints  # (signals,): place in v
     reach: Floats  # (m, k): what a unit change of each input does to the sums at once
 
 
 class Coupling(NamedTuple):
-    """Converters: rows of (signal or word, register or input) and their figures."""
+    """Converters: rows of (place in v or word, register or place in v) and their figures."""
 
-    adc: Ints  # (adcs, 2): signal, register
+    adc: Ints  # (adcs, 2): place of the signal, register
     adc_figures: Floats  # (adcs, 4): SI per machine unit, range, step or 0, clips
     dac: Ints  # (dacs, 2): word, input (counted among the m)
     dac_figures: Floats  # (dacs, 3): machine units per SI, step or 0, clips
@@ -73,8 +76,8 @@ class Pens(NamedTuple):
 class State(NamedTuple):
     """All that changes during a run; owned by the run."""
 
-    v: Floats  # (k + n + m + r,)
-    next_v: Floats  # (4 * blocks,)
+    v: Floats  # (8 * blocks + m + r,)
+    next_v: Floats  # (8 * blocks,)
     sample: Floats  # (adcs,): held by sample and hold
     registers: Floats
     ring: Floats  # (depth, words): results on their way
@@ -84,12 +87,23 @@ class State(NamedTuple):
     beyond: Floats  # (signals + adcs + dacs, 2): first and worst value
 
 
-# Columns of Score.instants; a range takes two.
-INTERVAL, SAMPLE, CONVERT, START, END, LATCH, SOURCE, RECORD = 0, 1, 3, 5, 6, 7, 9, 11
+# What a cue asks for.
+ADVANCE, SAMPLE, CONVERT, START, END, LATCH, SOURCE, LOOK, RECORD = range(9)
+
+# Operations of the tape, as plain numbers for the compiler.
+COPY, ADD, SUB, MUL, DIV, POW, NEG = (
+    int(op) for op in (Op.COPY, Op.ADD, Op.SUB, Op.MUL, Op.DIV, Op.POW, Op.NEG)
+)
+MIN, MAX, ABS, SQRT, SIN, COS, TAN = (
+    int(op) for op in (Op.MIN, Op.MAX, Op.ABS, Op.SQRT, Op.SIN, Op.COS, Op.TAN)
+)
+ASIN, ACOS, ATAN, ATAN2, EXP, LOG = (
+    int(op) for op in (Op.ASIN, Op.ACOS, Op.ATAN, Op.ATAN2, Op.EXP, Op.LOG)
+)
 
 # Indices into State.counts: slots of the ring, rows to skip, rows written, draws used, place in the
 # segment.
-STARTED, ENDED, SKIP, ROWS, DRAWS, REPEAT, INSTANT = range(7)
+STARTED, ENDED, SKIP, ROWS, DRAWS, REPEAT, CUE = range(7)
 # Indices into a row of State.overload: how many instants beyond range, the first (repeat, instant), the
 # worst, and a number for the last instant noted, so that x- and x+ count as one.
 TIMES, FIRST_REPEAT, FIRST_INSTANT, WORST_REPEAT, WORST_INSTANT, LAST = range(6)
@@ -114,57 +128,59 @@ def inlined(function: Any) -> Any:
 
 
 @compiled
+def compute_function(op: int, a: float, b: float) -> float:
+    """An operation of the tape that is more than arithmetic."""
+    if op == MIN:
+        return min(a, b)
+    if op == MAX:
+        return max(a, b)
+    if op == ABS:
+        return abs(a)
+    if op == SQRT:
+        return math.sqrt(a) if a >= 0.0 else math.nan
+    if op == SIN:
+        return math.sin(a)
+    if op == COS:
+        return math.cos(a)
+    if op == TAN:
+        return math.tan(a)
+    if op == ASIN:
+        return math.asin(a) if abs(a) <= 1.0 else math.nan
+    if op == ACOS:
+        return math.acos(a) if abs(a) <= 1.0 else math.nan
+    if op == ATAN:
+        return math.atan(a)
+    if op == ATAN2:
+        return math.atan2(a, b)
+    if op == EXP:
+        return math.exp(a)
+    if op == LOG:
+        return math.log(a) if a > 0.0 else math.nan
+    return float(np.sign(a))
+
+
+@inlined
 def run_tape(code: npt.NDArray[np.int32], r: Floats) -> None:
     """Play the operations of one cycle on registers `r`."""
     for k in range(code.shape[0]):
-        op, d, a, b = code[k, 0], code[k, 1], code[k, 2], code[k, 3]
-        if op == 0:
-            r[d] = r[a]
-        elif op == 1:
-            r[d] = r[a] + r[b]
-        elif op == 2:
-            r[d] = r[a] - r[b]
-        elif op == 3:
-            r[d] = r[a] * r[b]
-        elif op == 4:
-            r[d] = r[a] / r[b]
-        elif op == 5:
-            r[d] = r[a] ** r[b]
-        elif op == 6:
-            r[d] = -r[a]
-        elif op == 7:
-            r[d] = min(r[a], r[b])
-        elif op == 8:
-            r[d] = max(r[a], r[b])
-        elif op == 9:
-            r[d] = abs(r[a])
+        op, a, b = code[k, 0], r[code[k, 2]], r[code[k, 3]]
+        if op == COPY:
+            result = a
+        elif op == ADD:
+            result = a + b
+        elif op == SUB:
+            result = a - b
+        elif op == MUL:
+            result = a * b
+        elif op == DIV:
+            result = a / b
+        elif op == NEG:
+            result = -a
+        elif op == POW:
+            result = a**b
         else:
-            r[d] = _function(op, r[a], r[b])
-
-
-@compiled
-def _function(op: int, a: float, b: float) -> float:
-    if op == 10:
-        return math.sqrt(a) if a >= 0.0 else math.nan
-    if op == 11:
-        return math.sin(a)
-    if op == 12:
-        return math.cos(a)
-    if op == 13:
-        return math.tan(a)
-    if op == 14:
-        return math.asin(a) if abs(a) <= 1.0 else math.nan
-    if op == 15:
-        return math.acos(a) if abs(a) <= 1.0 else math.nan
-    if op == 16:
-        return math.atan(a)
-    if op == 17:
-        return math.atan2(a, b)
-    if op == 18:
-        return math.exp(a)
-    if op == 19:
-        return math.log(a) if a > 0.0 else math.nan
-    return float(np.sign(a))
+            result = compute_function(op, a, b)
+        r[code[k, 1]] = result
 
 
 @inlined
@@ -217,131 +233,132 @@ def play(
     state: State,
     normals: Floats,
     rows: Floats,
-    states: int,
     keep_every: int,
     last_repeat: int,
-    most_instants: int,
+    most_cues: int,
 ) -> int:
-    """Play the segment's instants from (counts[REPEAT], counts[INSTANT]) on.
+    """Play the segment's cues from (counts[REPEAT], counts[CUE]) on.
 
-    Stops before repeat `last_repeat`, or after `most_instants` instants; returns why (DONE, PAUSED,
-    RUNAWAY, NOT_FINITE). `normals` must hold enough draws for that, from counts[DRAWS] on; every
+    Stops before repeat `last_repeat`, or after `most_cues` cues; returns why (DONE, PAUSED, RUNAWAY,
+    NOT_FINITE). `normals` must hold enough draws for that, from counts[DRAWS] on; every
     `keep_every`-th row of the record is kept, in `rows`.
     """
     # Plain names, and no calls with arrays on the common path: both would count references.
-    instants = score.instants
-    change, draws, signal, reach = plant
+    cues = score.cues
+    change, kept, draws, signal, reach = plant
     adc, adc_figures, dac, dac_figures, steps, step_values = coupling
     code, word_registers, memory = deck
     source, factor = pens
     v, next_v, sample, registers, ring, words, count, notes, values = state
     signals, adcs, depth = signal.shape[0], adc.shape[0], ring.shape[0]
-    columns, inputs, sums = change.shape[2], reach.shape[0], reach.shape[1]
-    states_end = sums + states
-    draws_at = states_end + inputs
+    blocks, columns = change.shape[1], change.shape[2]
+    inputs, sums, inputs_at = reach.shape[0], reach.shape[1], kept.shape[0]
+    draws_at, column_at = inputs_at + inputs, v.shape[0] - columns
+    sums_at = column_at - sums
     started, ended = count[STARTED], count[ENDED]
     skip, row, drawn = count[SKIP], count[ROWS], count[DRAWS]
-    repeat, at, last = count[REPEAT], count[INSTANT], instants.shape[0] - 1
+    repeat, at, last = count[REPEAT], count[CUE], cues[cues.shape[0] - 1, 2]
     outcome = PAUSED
-    for _ in range(most_instants):
-        if at == instants.shape[0]:
+    for _ in range(most_cues):
+        if at == cues.shape[0]:
             at = 0
             repeat += 1
         if repeat >= last_repeat:
             break
-        q = instants[at, INTERVAL]
-        if q >= 0:
-            for j in range(draws[q]):
+        i = cues[at, 1]
+        cue = cues[at, 0]
+        if cue == ADVANCE:
+            for j in range(draws[i]):
                 v[draws_at + j] = normals[drawn + j]
-            drawn += draws[q]
-            # next = change @ [states, inputs, draws], a block of four rows at a time.
-            for block in range(change.shape[1]):
-                a, b, c, d = 0.0, 0.0, 0.0, 0.0
-                for j in range(columns):
-                    x = v[sums + j]
-                    a += change[q, block, j, 0] * x
-                    b += change[q, block, j, 1] * x
-                    c += change[q, block, j, 2] * x
-                    d += change[q, block, j, 3] * x
-                i = 4 * block
-                next_v[i], next_v[i + 1], next_v[i + 2], next_v[i + 3] = a, b, c, d
+            drawn += draws[i]
             beyond, lost = 0, 0
-            for i in range(sums):
-                v[i] = next_v[i]
-                beyond += abs(v[i]) > 1.0
-                lost += not abs(v[i]) <= RUNAWAY_MU
-            for i in range(sums, states_end):
-                v[i] += next_v[i]
-                beyond += abs(v[i]) > 1.0
-                lost += not abs(v[i]) <= RUNAWAY_MU
+            for block in range(blocks):
+                a, b, c, d, e, f, g, h = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
+                for j in range(columns):
+                    x = v[column_at + j]
+                    a += change[i, block, j, 0] * x
+                    b += change[i, block, j, 1] * x
+                    c += change[i, block, j, 2] * x
+                    d += change[i, block, j, 3] * x
+                    e += change[i, block, j, 4] * x
+                    f += change[i, block, j, 5] * x
+                    g += change[i, block, j, 6] * x
+                    h += change[i, block, j, 7] * x
+                k = 8 * block
+                next_v[k], next_v[k + 1], next_v[k + 2], next_v[k + 3] = a, b, c, d
+                next_v[k + 4], next_v[k + 5], next_v[k + 6], next_v[k + 7] = e, f, g, h
+            for k in range(inputs_at):
+                x = kept[k] * v[k] + next_v[k]
+                v[k] = x
+                beyond += abs(x) > 1.0
+                lost += not abs(x) <= RUNAWAY_MU
             if beyond > 0:
-                watch(signal, v, notes, values, repeat, at, last)
+                watch(signal, v, notes, values, repeat, cues[at, 2], last)
             if lost > 0:
                 outcome = RUNAWAY
                 break
-        for i in range(instants[at, SAMPLE], instants[at, SAMPLE + 1]):
-            sample[i] = v[signal[adc[i, 0]]]
-        for i in range(instants[at, CONVERT], instants[at, CONVERT + 1]):
+        elif cue == SAMPLE:
+            sample[i] = v[adc[i, 0]]
+        elif cue == CONVERT:
             value, limit = sample[i], adc_figures[i, 1]
             if abs(value) > limit:
-                note_overload(notes, values, signals + i, value, repeat, at, last)
+                note_overload(notes, values, signals + i, value, repeat, cues[at, 2], last)
             word = convert(value, limit, adc_figures[i, 2], adc_figures[i, 3])
             registers[adc[i, 1]] = word * adc_figures[i, 0]
-        for _start in range(instants[at, START]):
+        elif cue == START:
             run_tape(code, registers)
             for w in range(word_registers.shape[0]):
                 ring[started, w] = registers[word_registers[w]]
             for m in range(memory.shape[0]):
                 registers[memory[m, 0]] = registers[memory[m, 1]]
             started = started + 1 if started + 1 < depth else 0
-        for _end in range(instants[at, END]):
+        elif cue == END:
             for w in range(words.shape[0]):
                 words[w] = ring[ended, w]
                 if not math.isfinite(words[w]):
                     outcome = NOT_FINITE
             ended = ended + 1 if ended + 1 < depth else 0
-        for i in range(instants[at, LATCH], instants[at, LATCH + 1]):
-            value = words[dac[i, 0]] * dac_figures[i, 0]
-            if not abs(value) <= RUNAWAY_MU and outcome == PAUSED:
-                outcome = RUNAWAY
-            if abs(value) > 1.0:
-                note_overload(notes, values, signals + adcs + i, value, repeat, at, last)
-            held = dac[i, 1]
-            value = convert(value, 1.0, dac_figures[i, 1], dac_figures[i, 2])
+        elif cue in (LATCH, SOURCE):
+            if cue == LATCH:
+                held = dac[i, 1]
+                value = words[dac[i, 0]] * dac_figures[i, 0]
+                if not abs(value) <= RUNAWAY_MU:
+                    outcome = RUNAWAY
+                if abs(value) > 1.0:
+                    row_of = signals + adcs + i
+                    note_overload(notes, values, row_of, value, repeat, cues[at, 2], last)
+                value = convert(value, 1.0, dac_figures[i, 1], dac_figures[i, 2])
+            else:
+                held = steps[i]
+                value = step_values[i]
             for s in range(sums):
-                v[s] += reach[held, s] * (value - v[states_end + held])
-            v[states_end + held] = value
-        if outcome != PAUSED:
-            break
-        for i in range(instants[at, SOURCE], instants[at, SOURCE + 1]):
-            held = steps[i]
-            for s in range(sums):
-                v[s] += reach[held, s] * (step_values[i] - v[states_end + held])
-            v[states_end + held] = step_values[i]
-        jumped = instants[at, LATCH + 1] + instants[at, SOURCE + 1] > 0
-        if jumped:
+                v[sums_at + s] += reach[held, s] * (value - v[inputs_at + held])
+            v[inputs_at + held] = value
+        elif cue == LOOK:
             beyond = 0
-            for s in range(signals):
-                beyond += abs(v[signal[s]]) > 1.0
+            for s in range(sums_at, column_at):
+                beyond += abs(v[s]) > 1.0
             if beyond > 0:
-                watch(signal, v, notes, values, repeat, at, last)
-        for _record in range(instants[at, RECORD]):
+                watch(signal, v, notes, values, repeat, cues[at, 2], last)
+        else:
             if skip == 0:
                 for p in range(source.shape[0]):
                     which = source[p, 1]
                     if source[p, 0] == 0:
-                        value = v[signal[which]]
+                        value = v[which]
                     elif source[p, 0] == 1:
-                        value = registers[adc[which, 1]]
+                        value = registers[which]
                     else:
                         value = words[which]
                     rows[row, p] = value * factor[p]
                 row += 1
                 skip = keep_every
             skip -= 1
+        if outcome != PAUSED:
+            break
         at += 1
     count[STARTED], count[ENDED], count[SKIP] = started, ended, skip
-    count[ROWS], count[DRAWS], count[REPEAT], count[INSTANT] = row, drawn, repeat, at
+    count[ROWS], count[DRAWS], count[REPEAT], count[CUE] = row, drawn, repeat, at
     if outcome == PAUSED and repeat >= last_repeat:
         return DONE
     return outcome

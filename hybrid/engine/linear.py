@@ -20,7 +20,7 @@ from hybrid.streams import stream
 from hybrid.timeline import Happening, Segment, Timeline
 
 # Small enough to answer Ctrl-C at once and to keep the normal draws in the cache.
-CHUNK_INSTANTS = 200_000
+CHUNK_CUES = 1_000_000
 CHUNK_DRAWS = 1 << 17
 # Tells the overload of a DAC's input from that of the analog signal it drives.
 DAC_SUFFIX = " (DAC)"
@@ -51,15 +51,19 @@ class Player:
     ) -> None:
         """Prepare the run; nothing is played yet. `keep_every`: rows of the record kept, 1 in n."""
         self.machine, self.timeline, self.keep_every = machine, timeline, keep_every
-        intervals, self.offsets, self.scores = _score(timeline)
+        intervals, self.offsets, self.scores = _score(machine, timeline)
         self.plant = _plant(machine, intervals)
-        self.coupling, self.deck, self.pens = _coupling(machine), _deck(machine), _pens(pens)
-        self.state = _state(machine, timeline)
+        self.coupling, self.deck, self.pens = (
+            _coupling(machine),
+            _deck(machine),
+            _pens(machine, pens),
+        )
+        self.state = _state(machine, self.plant)
         self.rows = np.empty((-(-timeline.rows // keep_every), len(pens)))
         self.normals = stream(seed, "noise")
         self.segment = 0
         self.outcome = kernel.PAUSED
-        self._draws = [_draws(score.instants, self.plant.draws) for score in self.scores]
+        self._draws = [_draws(score.cues, self.plant.draws) for score in self.scores]
         # Where earlier segments' overloads began, as the kernel's counts start anew in each.
         self._overload_s: dict[int, tuple[float, float, float, float, int]] = {}
         for row, value in enumerate(self.state.v[self.plant.signal].tolist()):
@@ -70,17 +74,17 @@ class Player:
     def play(self) -> Iterator[float]:
         """Play to the end in chunks; yields the fraction of the run that is done."""
         while self.outcome == kernel.PAUSED:
-            self.play_instants(self._chunk())
+            self.play_cues(self._chunk())
             yield self.done_s / max(to_seconds(self.timeline.until), 1e-300)
 
-    def play_instants(self, most_instants: int) -> None:
-        """Play at most `most_instants` instants of the current segment."""
+    def play_cues(self, most_cues: int) -> None:
+        """Play at most `most_cues` cues of the current segment."""
         if self.segment == len(self.scores):
             self.outcome = kernel.DONE
             return
         score, segment = self.scores[self.segment], self.timeline.segments[self.segment]
         self.state.counts[kernel.DRAWS] = 0
-        normals = self.normals.standard_normal(self._draws_needed(segment, most_instants))
+        normals = self.normals.standard_normal(self._draws_needed(segment, most_cues))
         outcome = kernel.play(
             score,
             self.plant,
@@ -90,10 +94,9 @@ class Player:
             self.state,
             normals,
             self.rows,
-            len(self.machine.analog.states),
             self.keep_every,
             segment.repeats,
-            most_instants,
+            most_cues,
         )
         if outcome == kernel.DONE:
             self._next_segment(segment)
@@ -111,7 +114,9 @@ class Player:
         if self.segment == len(self.scores):
             return self.timeline.until
         counts = self.state.counts
-        return self._instant_ticks(counts[kernel.REPEAT], counts[kernel.INSTANT] - 1)
+        cue = counts[kernel.CUE]
+        instant = self.scores[self.segment].cues[cue - 1, 2] if cue else 0
+        return self._instant_ticks(counts[kernel.REPEAT], instant)
 
     @property
     def done_s(self) -> float:
@@ -132,17 +137,17 @@ class Player:
     def _chunk(self) -> int:
         if self.segment == len(self.scores):
             return 1
-        instants = len(self.scores[self.segment].instants)
+        cues = len(self.scores[self.segment].cues)
         per_repeat = max(int(self._draws[self.segment][-1]), 1)
-        repeats = max(1, min(CHUNK_DRAWS // per_repeat, CHUNK_INSTANTS // instants))
-        return repeats * instants
+        repeats = max(1, min(CHUNK_DRAWS // per_repeat, CHUNK_CUES // cues))
+        return repeats * cues
 
-    def _draws_needed(self, segment: Segment, most_instants: int) -> int:
-        """Exact number of draws of the next `most_instants` instants, so that none is wasted."""
+    def _draws_needed(self, segment: Segment, most_cues: int) -> int:
+        """Exact number of draws of the next `most_cues` cues, so that none is wasted."""
         count, totals = self.state.counts, self._draws[self.segment]
         per_repeat = len(totals) - 1
-        at = int(count[kernel.REPEAT]) * per_repeat + int(count[kernel.INSTANT])
-        end = min(at + most_instants, segment.repeats * per_repeat)
+        at = int(count[kernel.REPEAT]) * per_repeat + int(count[kernel.CUE])
+        end = min(at + most_cues, segment.repeats * per_repeat)
 
         def drawn(instant: int) -> int:
             return instant // per_repeat * int(totals[-1]) + int(totals[instant % per_repeat])
@@ -151,7 +156,7 @@ class Player:
 
     def _next_segment(self, segment: Segment) -> None:
         self._collect_overloads()
-        self.state.counts[[kernel.REPEAT, kernel.INSTANT]] = 0
+        self.state.counts[[kernel.REPEAT, kernel.CUE]] = 0
         self.segment += 1
 
     def _instant_ticks(self, repeat: int, instant: int) -> int:
@@ -186,58 +191,57 @@ class Player:
         notes[at_the_end, kernel.LAST] = 1
 
 
-def _score(timeline: Timeline) -> tuple[list[int], list[list[int]], list[Score]]:
-    """Distinct intervals in ticks; the offset of each instant and the score of each segment."""
+def _score(machine: Machine, timeline: Timeline) -> tuple[list[int], list[list[int]], list[Score]]:
+    """Distinct intervals in ticks; the offsets of the instants and the score of each segment."""
     numbers: dict[int, int] = {}
+    looks = bool(_sums(machine))
     offsets, scores = [], []
     for segment in timeline.segments:
-        rows, at = _instants(segment, numbers)
+        cues, at = _cues(segment, numbers, looks)
         offsets.append(at)
-        scores.append(Score(np.array(rows, dtype=np.int32)))
+        scores.append(Score(np.array(cues, dtype=np.int32)))
     return list(numbers), offsets, scores
 
 
-# Column of each kind of event in a row of the score, and whether it is a range of indices.
-_COLUMNS = {
-    Happening.SAMPLE: (kernel.SAMPLE, True),
-    Happening.CONVERT: (kernel.CONVERT, True),
-    Happening.START: (kernel.START, False),
-    Happening.END: (kernel.END, False),
-    Happening.LATCH: (kernel.LATCH, True),
-    Happening.SOURCE: (kernel.SOURCE, True),
-    Happening.RECORD: (kernel.RECORD, False),
+# The cue of each kind of event; nothing is done at the end of a stretch.
+_CUES = {
+    Happening.SAMPLE: kernel.SAMPLE,
+    Happening.CONVERT: kernel.CONVERT,
+    Happening.START: kernel.START,
+    Happening.END: kernel.END,
+    Happening.LATCH: kernel.LATCH,
+    Happening.SOURCE: kernel.SOURCE,
+    Happening.RECORD: kernel.RECORD,
 }
+_JUMPS = (Happening.LATCH, Happening.SOURCE)
 
 
-def _instants(segment: Segment, numbers: dict[int, int]) -> tuple[list[list[int]], list[int]]:
-    """Coincident events gathered into one row, which plays them in the written order.
+def _cues(
+    segment: Segment, numbers: dict[int, int], looks: bool
+) -> tuple[list[tuple[int, int, int]], list[int]]:
+    """The cues of a segment, and the offsets of its instants in ticks.
 
-    A row holds neighbouring indices only; others of the same kind take a further row.
+    numbers: of the intervals met so far, which this adds to; looks: whether signals can jump.
     """
-    rows: list[list[int]] = []
-    offsets: list[int] = []
-    now = 0
+    cues: list[tuple[int, int, int]] = []
+    offsets = [0]
+    jumped = False
     for offset, kind, index in segment.events:
-        if offset > now or not rows:
-            rows.append([-1] + [0] * 11)
+        now, instant = offsets[-1], len(offsets) - 1
+        if jumped and (offset > now or kind not in _JUMPS):
+            cues.append((kernel.LOOK, 0, instant))
+            jumped = False
+        if offset > now:
+            interval = numbers.setdefault(offset - now, len(numbers))
+            instant += 1
+            cues.append((kernel.ADVANCE, interval, instant))
             offsets.append(offset)
-            if offset > now:
-                rows[-1][kernel.INTERVAL] = numbers.setdefault(offset - now, len(numbers))
-            now = offset
-        if kind == Happening.REST:
-            continue
-        column, is_range = _COLUMNS[Happening(kind)]
-        if not is_range:
-            rows[-1][column] += 1
-        elif rows[-1][column] == rows[-1][column + 1]:
-            rows[-1][column : column + 2] = [index, index + 1]
-        elif rows[-1][column + 1] == index:
-            rows[-1][column + 1] += 1
-        else:
-            rows.append([-1] + [0] * 11)
-            rows[-1][column : column + 2] = [index, index + 1]
-            offsets.append(offset)
-    return rows, offsets
+        if kind != Happening.REST:
+            cues.append((_CUES[Happening(kind)], index, instant))
+            jumped = looks and kind in _JUMPS
+    if not cues:  # a stretch of no length in which nothing happens
+        cues.append((kernel.LOOK, 0, 0))
+    return cues, offsets
 
 
 def _sums(machine: Machine) -> tuple[int, ...]:
@@ -246,8 +250,9 @@ def _sums(machine: Machine) -> tuple[int, ...]:
     return tuple(i for i, name in enumerate(machine.analog.signals) if name not in states)
 
 
-def _blocks(rows: int) -> int:
-    return -(-rows // 4)
+def _padding(rows: int) -> int:
+    """Entries before the first of `rows`, so that they end with a block of eight."""
+    return -rows % 8
 
 
 def _plant(machine: Machine, intervals: list[int]) -> Plant:
@@ -255,27 +260,37 @@ def _plant(machine: Machine, intervals: list[int]) -> Plant:
     n, m, k = len(analog.states), len(analog.inputs), len(sums)
     all_of: list[Propagator] = [propagator(analog, to_seconds(t)) for t in intervals]
     rank = max((p.spread.shape[1] for p in all_of), default=0)
-    rows = np.zeros((len(all_of), _blocks(k + n) * 4, n + m + rank))
+    first = _padding(k + n)
+    rows = np.zeros((len(all_of), first + k + n, n + m + rank))
     sum_rows = analog.c[list(sums)]
     for q, p in enumerate(all_of):
         columns = np.hstack([p.change, p.spread])
-        rows[q, k : k + n, : columns.shape[1]] = columns
+        rows[q, first + k :, : columns.shape[1]] = columns
         with np.errstate(over="ignore", invalid="ignore"):  # of a patch that runs away at once
-            rows[q, :k, : columns.shape[1]] = sum_rows[:, :n] @ columns
-            rows[q, :k, : n + m] += sum_rows
-    blocks = rows.reshape(len(all_of), -1, 4, n + m + rank).transpose(0, 1, 3, 2)
-    place = {name: k + i for i, name in enumerate(analog.states)}
-    place |= {analog.signals[s]: i for i, s in enumerate(sums)}
+            rows[q, first : first + k, : columns.shape[1]] = sum_rows[:, :n] @ columns
+            rows[q, first : first + k, : n + m] += sum_rows
+    blocks = rows.reshape(len(all_of), -1, 8, n + m + rank).transpose(0, 1, 3, 2)
     return Plant(
         np.ascontiguousarray(blocks),
+        (np.arange(first + k + n) >= first + k).astype(np.float64),
         np.array([p.spread.shape[1] for p in all_of], dtype=np.int64),
-        np.array([place[s] for s in analog.signals], dtype=np.int64),
+        np.array(_places(machine), dtype=np.int64),
         np.ascontiguousarray(sum_rows[:, n:].T),
     )
 
 
+def _places(machine: Machine) -> list[int]:
+    """Where each signal stands in the kernel's v."""
+    analog, sums = machine.analog, _sums(machine)
+    first = _padding(len(sums) + len(analog.states))
+    place = {analog.signals[s]: first + i for i, s in enumerate(sums)}
+    place |= {name: first + len(sums) + i for i, name in enumerate(analog.states)}
+    return [place[s] for s in analog.signals]
+
+
 def _coupling(machine: Machine) -> Coupling:
-    adc = [(s.signal, i) for i, s in enumerate(machine.samplers)]
+    places = _places(machine)
+    adc = [(places[s.signal], i) for i, s in enumerate(machine.samplers)]
     dac = [(h.word, h.input) for h in machine.holders]
     return Coupling(
         np.array(adc, dtype=np.int64).reshape(-1, 2),
@@ -293,13 +308,17 @@ def _deck(machine: Machine) -> Deck:
     return Deck(machine.tape.code, machine.tape.word_registers, machine.tape.memory)
 
 
-def _pens(pens: tuple[Pen, ...]) -> Pens:
+def _pens(machine: Machine, pens: tuple[Pen, ...]) -> Pens:
     source = {"analog": 0, "dac": 0, "adc": 1, "word": 2}
-    table = np.array([(source[p.kind], p.index) for p in pens], dtype=np.int64).reshape(-1, 2)
-    return Pens(table, np.array([p.factor for p in pens], dtype=np.float64))
+    places = _places(machine)
+    table = [(source[p.kind], p.index if source[p.kind] else places[p.index]) for p in pens]
+    return Pens(
+        np.array(table, dtype=np.int64).reshape(-1, 2),
+        np.array([p.factor for p in pens], dtype=np.float64),
+    )
 
 
-def _state(machine: Machine, timeline: Timeline) -> State:
+def _state(machine: Machine, plant: Plant) -> State:
     analog, timing = machine.analog, machine.timing
     latency = timing.compute // timing.period + 2 if timing.period else 1
     words = len(machine.tape.words)
@@ -310,9 +329,11 @@ def _state(machine: Machine, timeline: Timeline) -> State:
             at = len(analog.x0) + holder.input
             z[at] = np.rint(z[at] / holder.step_mu) * holder.step_mu
     sums = list(_sums(machine))
+    rank = plant.change.shape[2] - len(analog.x0) - len(analog.u0)
+    padding = np.zeros(_padding(len(sums) + len(analog.x0)))
     return State(
-        np.concatenate([analog.c[sums] @ z, z, np.zeros(analog.noise.shape[1] + len(z))]),
-        np.empty(4 * _blocks(len(sums) + len(analog.x0))),
+        np.concatenate([padding, analog.c[sums] @ z, z, np.zeros(rank)]),
+        np.empty(len(padding) + len(sums) + len(analog.x0)),
         np.zeros(len(machine.samplers)),
         machine.tape.registers.copy(),
         np.zeros((latency, words)),
@@ -323,8 +344,9 @@ def _state(machine: Machine, timeline: Timeline) -> State:
     )
 
 
-def _draws(instants: np.ndarray, draws: np.ndarray) -> np.ndarray:
-    """Cumulative draws before each instant of a repeat; the last entry is the whole repeat."""
-    intervals = instants[:, kernel.INTERVAL]
-    per_instant = np.where(intervals >= 0, draws[intervals] if len(draws) else 0, 0)
-    return np.concatenate([[0], np.cumsum(per_instant)])
+def _draws(cues: np.ndarray, draws: np.ndarray) -> np.ndarray:
+    """Cumulative draws before each cue of a repeat; the last entry is the whole repeat."""
+    per_cue = np.zeros(len(cues), dtype=np.int64)
+    advances = cues[:, 0] == kernel.ADVANCE
+    per_cue[advances] = draws[cues[advances, 1]]
+    return np.concatenate([[0], np.cumsum(per_cue)])
