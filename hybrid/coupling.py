@@ -116,7 +116,6 @@ class _Tracker:
         self.start = np.eye(edges[-1])
         self.moved = np.zeros((edges[-1], edges[-1]))  # now - start
         self.now_ticks = 0
-        self.propagators: dict[int, Floats] = {}
 
     def value(self, part: slice) -> Floats:
         """Forms of one part, now."""
@@ -151,12 +150,7 @@ class _Tracker:
             self.set(at, holder.to_mu * self.value(self.words)[holder.word : holder.word + 1])
 
     def _change(self, ticks: int) -> Floats:
-        if ticks not in self.propagators:
-            quiet = replace(
-                self.machine.analog, noise=np.zeros((len(self.machine.analog.states), 0))
-            )
-            self.propagators[ticks] = propagator(quiet, to_seconds(ticks)).change
-        return self.propagators[ticks]
+        return propagator(self.machine.analog, to_seconds(ticks)).change
 
     def _start_program(self) -> None:
         one = self.value(self.u)[:1]

@@ -1,6 +1,7 @@
 """A run's files, written by a second process that loads the drawing libraries while the run goes on.
 
-Stage 6. Loading matplotlib takes longer than most runs; on its own core it costs no waiting.
+Stage 6. Loading matplotlib takes longer than most runs; on its own core it costs no waiting. So that
+it starts at once, nothing else of the project is loaded before it.
 """
 
 from __future__ import annotations
@@ -9,10 +10,12 @@ import signal
 from multiprocessing import get_context
 from multiprocessing.connection import Connection
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from hybrid.errors import HybridError
-from hybrid.record import Parts, PlainRecord, write_parts, write_whole
+
+if TYPE_CHECKING:
+    from hybrid.record import Parts
 
 
 class Filing:
@@ -65,6 +68,8 @@ def write_files(
     chart: bool,
 ) -> list[str]:
     """Write the record and the strip chart; each file appears whole or not at all."""
+    from hybrid.record import PlainRecord, write_parts, write_whole
+
     record_file = stem.with_name(stem.name + ".nc")
     write_parts(parts, record_file)
     if not chart:
@@ -80,10 +85,12 @@ def write_files(
 def _serve(line: Connection, chart: bool) -> None:
     """Load what writing needs, then do one piece of work. Ctrl-C is the main process's business."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)
+    if chart:
+        import hybrid.charts.strip
     import netCDF4  # noqa: F401
 
-    if chart:
-        import hybrid.charts.strip  # noqa: F401
+    import hybrid.record  # noqa: F401
+
     try:
         answer: Any = write_files(*line.recv())
     except EOFError:

@@ -19,6 +19,7 @@ Ties within one kind go by name. An event has an offset within its segment; a se
 
 from __future__ import annotations
 
+import functools
 import itertools
 import math
 from collections.abc import Generator, Iterator
@@ -151,14 +152,14 @@ def _refuse_many_intervals(machine: Machine, segments: list[Segment]) -> None:
 def _flat(machine: Machine, steps: list[Event]) -> list[Segment]:
     until = machine.timing.until
     _refuse_too_many(machine, until)
-    return [_segment(0, until, 1, sorted(_play_clockwork(machine, until) + steps))]
+    return [_segment(0, until, 1, sorted([*_play_clockwork(_clockwork(machine), until), *steps]))]
 
 
 def _tiled(machine: Machine, stretch: int, warm_up: int, steps: list[Event]) -> list[Segment]:
     """Warm-up, then one stretch repeated, broken where a step source changes, then the rest."""
     until = machine.timing.until
     _refuse_too_many(machine, (warm_up + 1) * stretch)
-    events = sorted(_play_clockwork(machine, (warm_up + 1) * stretch))
+    events = sorted(_play_clockwork(_clockwork(machine), (warm_up + 1) * stretch))
     first = warm_up * stretch
     pattern = [(t - first, k, i) for t, k, i in events if first <= t < first + stretch]
     whole = until // stretch
@@ -184,47 +185,63 @@ def _segment(start: int, length: int, repeats: int, events: list[Event]) -> Segm
     return Segment(start, length, repeats, (*events, (length, int(Happening.REST), 0)))
 
 
-def _play_clockwork(machine: Machine, until: int) -> list[Event]:
+@dataclass(frozen=True, slots=True)
+class _Clockwork:
+    """All that the clock depends on, in ticks; runs and predictions that share it play it once."""
+
+    period: int
+    compute: int
+    every: int
+    channels: tuple[tuple[int, int], ...]  # of each ADC: multiplexer delay, conversion time
+    dacs: int
+
+
+def _clockwork(machine: Machine) -> _Clockwork:
+    timing = machine.timing
+    channels = tuple((s.delay_ticks, s.conversion_ticks) for s in machine.samplers)
+    return _Clockwork(timing.period, timing.compute, timing.every, channels, len(machine.holders))
+
+
+@functools.lru_cache(maxsize=4)
+def _play_clockwork(clockwork: _Clockwork, until: int) -> tuple[Event, ...]:
     """Run the SimPy model to `until` (included) and return its events, unsorted."""
     log: list[Event] = []
     clock = simpy.Environment(initial_time=0)
-    if machine.timing.period:
-        clock.process(_cycle_clock(clock, machine, log))
-    clock.process(_recorder(clock, machine.timing.every, log))
+    if clockwork.period:
+        clock.process(_cycle_clock(clock, clockwork, log))
+    clock.process(_recorder(clock, clockwork.every, log))
     clock.run(until=until + 1)
-    return log
+    return tuple(log)
 
 
 def _cycle_clock(
-    clock: simpy.Environment, machine: Machine, log: list[Event]
+    clock: simpy.Environment, clockwork: _Clockwork, log: list[Event]
 ) -> Generator[simpy.Event, Any, None]:
     """Start a cycle every period; a cycle longer than the period overlaps the next (a pipeline)."""
     while True:
-        clock.process(_cycle(clock, machine, log))
-        yield clock.timeout(machine.timing.period)
+        clock.process(_cycle(clock, clockwork, log))
+        yield clock.timeout(clockwork.period)
 
 
 def _cycle(
-    clock: simpy.Environment, machine: Machine, log: list[Event]
+    clock: simpy.Environment, clockwork: _Clockwork, log: list[Event]
 ) -> Generator[simpy.Event, Any, None]:
     """One digital cycle: convert, compute, latch."""
-    yield clock.all_of(
-        [clock.process(_convert(clock, machine, i, log)) for i in range(len(machine.samplers))]
-    )
+    channels = enumerate(clockwork.channels)
+    yield clock.all_of([clock.process(_convert(clock, *c, i, log)) for i, c in channels])
     log.append((_now(clock), Happening.START, 0))
-    yield clock.timeout(machine.timing.compute)
+    yield clock.timeout(clockwork.compute)
     log.append((_now(clock), Happening.END, 0))
-    log.extend((_now(clock), Happening.LATCH, i) for i in range(len(machine.holders)))
+    log.extend((_now(clock), Happening.LATCH, i) for i in range(clockwork.dacs))
 
 
 def _convert(
-    clock: simpy.Environment, machine: Machine, index: int, log: list[Event]
+    clock: simpy.Environment, delay: int, conversion: int, index: int, log: list[Event]
 ) -> Generator[simpy.Event, Any, None]:
     """One ADC channel: wait for the multiplexer, sample, convert."""
-    sampler = machine.samplers[index]
-    yield clock.timeout(sampler.delay_ticks)
+    yield clock.timeout(delay)
     log.append((_now(clock), Happening.SAMPLE, index))
-    yield clock.timeout(sampler.conversion_ticks)
+    yield clock.timeout(conversion)
     log.append((_now(clock), Happening.CONVERT, index))
 
 

@@ -12,6 +12,7 @@ Stage 4. Two choices matter for lags of 1 us inside cycles of 1 ms to 10 ms:
 
 from __future__ import annotations
 
+import functools
 import math
 from dataclasses import dataclass
 
@@ -32,6 +33,8 @@ class Propagator:
     spread: Floats  # (n, r)
 
 
+# A prediction and a run of one machine share their interval; large machines must not pile up.
+@functools.lru_cache(maxsize=8)
 def propagator(analog: Analog, interval_s: float) -> Propagator:
     """Exact propagator of the analog side over `interval_s` seconds with its inputs held."""
     n, m = analog.b.shape
