@@ -49,9 +49,8 @@ def loop_lags(cycles, phi, gamma, start, gain):
 
 @compiled
 def convert(value, step):
-    """A converter: clip to full scale, round to whole steps (0: no rounding)."""
-    value = min(max(value, -1.0), 1.0)
-    return np.rint(value / step) * step if step > 0.0 else value
+    """A converter: clip to full scale, round to whole steps."""
+    return np.rint(min(max(value, -1.0), 1.0) / step) * step
 
 
 @compiled
@@ -80,7 +79,7 @@ def hand_loop(
 ) -> Callable[[int], Floats]:
     """cycles -> theta at every cycle, for 'ideal', 'lags', 'nominal' or its 'quiet' twin.
 
-    'quiet' is the nominal loop with noise and rounding of zero: it must play what 'lags' plays.
+    'quiet' is the nominal loop without noise.
     """
     loop = plant(case != "ideal")
     phi, gamma = propagator(loop, period_s)
@@ -90,8 +89,7 @@ def hand_loop(
     spread = noise_spread(loop, period_s)
     if case == "quiet":
         spread = np.zeros_like(spread)
-    step = STEP if case == "nominal" else 0.0
-    return partial(_call, loop_nominal, (*common, spread, step, np.random.default_rng(1)))
+    return partial(_call, loop_nominal, (*common, spread, STEP, np.random.default_rng(1)))
 
 
 def _call(loop, arguments, cycles: int) -> Floats:
