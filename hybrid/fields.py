@@ -9,16 +9,11 @@ import re
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 
+from hybrid.dimensions import dimension_of
 from hybrid.errors import PatchError, Place, did_you_mean, quoted
-from hybrid.expressions import (
-    RESERVED_NAMES,
-    ExpressionError,
-    Number,
-    dimension_of,
-    names,
-    parse,
-)
+from hybrid.expressions import RESERVED_NAMES, ExpressionError, Number, names
 from hybrid.language import Bound, Holds, Key, Unit
+from hybrid.parsing import parse
 from hybrid.patch import Value
 from hybrid.units import (
     PURE,

@@ -8,6 +8,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from hybrid.dimensions import dimension_of
 from hybrid.expressions import (
     FUNCTIONS,
     Binary,
@@ -16,15 +17,14 @@ from hybrid.expressions import (
     Name,
     Number,
     Unary,
-    dimension_of,
     evaluate,
     is_constant,
     names,
-    parse,
     previous_names,
     sub_expressions,
     to_text,
 )
+from hybrid.parsing import parse
 from hybrid.units import PURE, TIME, Dimension
 
 LENGTH = Dimension((("length", 1),))

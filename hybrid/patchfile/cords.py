@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 from hybrid.components import CATALOG
+from hybrid.dimensions import dimension_of
 from hybrid.errors import PatchError, quoted
-from hybrid.expressions import dimension_of, to_text
+from hybrid.expressions import to_text
 from hybrid.fields import in_words
 from hybrid.patch import Component, Dac, Program, Value
 from hybrid.patchfile.book import Book

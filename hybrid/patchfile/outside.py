@@ -4,9 +4,11 @@ from __future__ import annotations
 
 from dataclasses import replace
 
+from hybrid.dimensions import dimension_of
 from hybrid.errors import PatchError, Place, did_you_mean, quoted
-from hybrid.expressions import ExpressionError, dimension_of, evaluate, is_constant, parse
+from hybrid.expressions import ExpressionError, evaluate, is_constant
 from hybrid.fields import fits, in_words, unit_words, value_of
+from hybrid.parsing import parse
 from hybrid.patch import Parameter, Patch, Value
 from hybrid.units import TIME
 from hybrid.yamltree import Text

@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 from hybrid.errors import PatchError, did_you_mean, quoted
-from hybrid.expressions import ExpressionError, names, parse
+from hybrid.expressions import ExpressionError, names
 from hybrid.fields import value_of
 from hybrid.graph import dependency_order, find_loop
+from hybrid.parsing import parse
 from hybrid.patch import Parameter
 from hybrid.patchfile.book import Book
 from hybrid.units import PURE, Dimension, UnitError, unit_of

@@ -5,11 +5,13 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import replace
 
+from hybrid.dimensions import dimension_of
 from hybrid.errors import PatchError, Place, did_you_mean, quoted
-from hybrid.expressions import ExpressionError, dimension_of, names, parse, previous_names
+from hybrid.expressions import ExpressionError, names, previous_names
 from hybrid.fields import table_of, value_of
 from hybrid.graph import dependency_order, find_loop
 from hybrid.language import DIGITAL_KEYS
+from hybrid.parsing import parse
 from hybrid.patch import Assignment, Program, Value
 from hybrid.patchfile.book import Book, Role
 from hybrid.units import PURE, Dimension

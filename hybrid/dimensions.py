@@ -1,0 +1,104 @@
+"""Dimensions of arithmetic, so that a patch cannot add volts to seconds."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import TypeAlias
+
+from hybrid.expressions import (
+    FUNCTIONS,
+    Binary,
+    Call,
+    ExpressionError,
+    Name,
+    Node,
+    Number,
+    Unary,
+    children,
+    evaluate,
+    is_constant,
+    look_up,
+    shown,
+    to_text,
+)
+from hybrid.units import PURE, Dimension
+
+
+def dimension_of(tree: Node, scope: Mapping[str, Dimension | None]) -> Dimension | None:
+    """Dimension of an expression; None where it is unknown.
+
+    A literal 0 has no dimension of its own (None), so it fits any. What is unknown never
+    conflicts: the sum of a known and an unknown dimension is the known one.
+
+    Raises ExpressionError for a name that `scope` lacks, and naming both sides and their units
+    where dimensions conflict.
+    """
+    if isinstance(tree, Number):
+        return None if tree.value == 0.0 and tree.dimension.is_pure else tree.dimension
+    if isinstance(tree, Name):
+        return look_up(tree, scope)
+    parts = [(part, dimension_of(part, scope)) for part in children(tree)]
+    if isinstance(tree, Unary):
+        return parts[0][1]
+    if isinstance(tree, Call):
+        return _call_dimension(tree, parts)
+    if tree.op in ("+", "-"):
+        return _alike(tree, parts)
+    (_, left), (_, right) = parts
+    if tree.op == "**":
+        return _power_dimension(tree, left, right)
+    if left is None or right is None:
+        return None
+    return left * right if tree.op == "*" else left / right
+
+
+_Parts: TypeAlias = list[tuple[Node, Dimension | None]]
+
+
+def _alike(tree: Node, parts: _Parts) -> Dimension | None:
+    """The one dimension that all known parts share."""
+    known = [(part, dimension) for part, dimension in parts if dimension is not None]
+    for part, dimension in known[1:]:
+        first, expected = known[0]
+        if dimension != expected:
+            raise ExpressionError(
+                f"in {shown(to_text(tree))}: {shown(to_text(first))} [{expected}] and "
+                f"{shown(to_text(part))} [{dimension}] must have the same units"
+            )
+    return known[0][1] if known else None
+
+
+def _call_dimension(tree: Call, parts: _Parts) -> Dimension | None:
+    if tree.function == "previous":
+        return parts[0][1]
+    rule = FUNCTIONS[tree.function].rule
+    if rule == "pure":
+        for part, dimension in parts:
+            _require_pure(tree, part, dimension)
+        return PURE
+    shared = _alike(tree, parts)
+    if rule == "ratio":
+        return PURE
+    return shared**0.5 if rule == "root" and shared is not None else shared
+
+
+def _power_dimension(
+    tree: Binary, base: Dimension | None, exponent: Dimension | None
+) -> Dimension | None:
+    _require_pure(tree, tree.right, exponent)
+    if base is None or base.is_pure:
+        return base
+    if not is_constant(tree.right):
+        raise ExpressionError(
+            f"in {shown(to_text(tree))}: {shown(to_text(tree.left))} [{base}] has a unit, so its "
+            "exponent must be a plain number"
+        )
+    return base ** evaluate(tree.right, {})
+
+
+def _require_pure(tree: Node, part: Node, dimension: Dimension | None) -> None:
+    if dimension is not None and not dimension.is_pure:
+        raise ExpressionError(
+            f"in {shown(to_text(tree))}: {shown(to_text(part))} [{dimension}] must be a pure "
+            "number; divide it by a unit or a full scale"
+        )
