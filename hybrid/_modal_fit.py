@@ -27,8 +27,10 @@ Array = NDArray[np.float64]
 Index = NDArray[np.intp]
 
 BLOCKS_PER_OCTAVE = 16
+SINGLE_ROWS = 32  # at either end that are blocks of their own: two octaves, as it were
 LONGEST_BLOCK = 1024
 MEAN_ONLY_RAD = 0.3  # shorter blocks are replaced by their means, at a loss of 0.4 % of information
+WAVE_GRID_RAD = 0.1  # step of the frequencies of waves, times the longest block
 SERIES_BELOW = 0.25  # |d| t^2 below which the derivative of g is summed as a series
 MAX_STEPS = 40
 CONVERGED = 1e-3  # fall of the sum of squares, in variances, not worth another step
@@ -43,13 +45,32 @@ def _norms(rows: Array) -> Array:
 
 
 @dataclass(frozen=True)
+class _Vectors:
+    """Orthonormal vectors onto which blocks are projected; one column of `matrix` per vector.
+
+    Blocks have powers of two of rows; column[k] is the first column for blocks of 2^k rows, which
+    use the columns up to column[k + 1]. A vector shorter than the matrix is followed by zeros.
+    sums, ramps: products of the vectors with ones and with 0, 1, 2...
+    """
+
+    matrix: Array
+    column: Index
+    sums: Array
+    ramps: Array
+
+    def of_block(self, size: int) -> Array:
+        """Vectors (size, width) for blocks of `size` rows."""
+        k = size.bit_length() - 1
+        return self.matrix[:size, self.column[k] : self.column[k + 1]]
+
+
+@dataclass(frozen=True)
 class Condensed:
     """A record replaced by the projections of its blocks; one entry per projection.
 
     groups: runs of equal blocks, as (block length, first row, blocks). start: first row of each
-    block. Entry i of data belongs to block[i] and to inner vector inner[i], which counts through
-    the columns of `vectors` in order; lane[i] is 0 for a mean, 1 or 2 for a wave. ones: what a
-    record of ones would give.
+    block. Entry i of data belongs to block[i] and to column inner[i] of `vectors`; lane[i] is 0 for
+    a mean, 1 or 2 for a wave. ones: what a record of ones would give.
     """
 
     data: Array
@@ -59,98 +80,111 @@ class Condensed:
     block: Index
     inner: Index
     lane: Index
-    vectors: tuple[Array, ...]
+    vectors: _Vectors
 
     @property
     def longest(self) -> int:
         """Rows in the longest block."""
-        return max(len(q) for q in self.vectors)
+        return len(self.vectors.matrix)
 
+    def without(self, rows: int, last: bool) -> Condensed:
+        """The record without its first (or `last`) rows, SINGLE_ROWS at most; time from the rest.
 
-@dataclass(frozen=True)
-class _Plan:
-    """How a record of a given length is cut: (block length, first row, blocks) and indices."""
-
-    groups: tuple[tuple[int, int, int], ...]
-    start: Array
-    block: Index
-    inner: Index
-    lane: Index
+        These rows are blocks of their own, so nothing is condensed again.
+        """
+        size, first, count = self.groups[-1 if last else 0]
+        kept = (size, first if last else 0, count - rows)
+        if last:
+            entries, groups, shift = slice(len(self.data) - rows), (*self.groups[:-1], kept), 0
+        else:
+            later = ((size, first - rows, count) for size, first, count in self.groups[1:])
+            entries, groups, shift = slice(rows, None), (kept, *later), rows
+        return Condensed(
+            self.data[entries],
+            self.ones[entries],
+            groups,
+            self.start[: len(self.start) - rows] if last else self.start[rows:] - shift,
+            self.block[entries] - shift,
+            self.inner[entries],
+            self.lane[entries],
+            self.vectors,
+        )
 
 
 def _block_groups(rows: int) -> list[tuple[int, int, int]]:
-    """Runs of up to BLOCKS_PER_OCTAVE equal blocks, as (block length, first row, blocks)."""
-    groups: list[tuple[int, int, int]] = []
-    row, size = 0, 1
-    while row + size <= rows:
-        count = min(BLOCKS_PER_OCTAVE, (rows - row) // size)
-        groups.append((size, row, count))
-        row += count * size
-        if row >= 2 * BLOCKS_PER_OCTAVE * size and size < LONGEST_BLOCK:
-            size *= 2
-    odd = (rows - row) % 2  # what is left makes one block of an even number of rows, and one row
-    left = [(rows - row - odd, row, 1), (odd, rows - 1, 1)]
-    return groups + [group for group in left if group[0] > 0]
+    """Runs of equal blocks, as (block length, first row, blocks): powers of two of rows.
+
+    Blocks lengthen in proportion to their distance from the first row, up to the last SINGLE_ROWS
+    rows, which stay single like the first ones. What does not fill a long block is cut smaller.
+    """
+    body = rows - SINGLE_ROWS
+    if body < SINGLE_ROWS:
+        return [(1, 0, rows)]
+    groups, row, size = [(1, 0, SINGLE_ROWS)], SINGLE_ROWS, 2
+    while size < LONGEST_BLOCK and row + BLOCKS_PER_OCTAVE * size <= body:
+        groups.append((size, row, BLOCKS_PER_OCTAVE))
+        row += BLOCKS_PER_OCTAVE * size
+        size *= 2
+    while size > 1:
+        count = (body - row) // size
+        if count:
+            groups.append((size, row, count))
+            row += count * size
+        size = max(1, size // 4)
+    return [*groups, (1, row, rows - row)]
 
 
 @lru_cache(maxsize=32)
-def _plan(rows: int, waves_from: int) -> _Plan:
-    """Cut `rows` rows; blocks of `waves_from` rows and more keep up to three projections."""
-    groups = _block_groups(rows)
-    first_inner: dict[int, int] = {}
-    start, block, inner, lane = [], [], [], []
-    blocks = vectors = 0
-    for size, first, count in groups:
-        width = min(size, 3) if size >= waves_from else 1
-        if size not in first_inner:
-            first_inner[size], vectors = vectors, vectors + width
-        start.append(first + size * np.arange(count))
-        block.append(np.repeat(np.arange(blocks, blocks + count), width))
-        lane.append(np.tile(np.arange(width), count))
-        inner.append(lane[-1] + first_inner[size])
-        blocks += count
-    return _Plan(
-        tuple(groups),
-        np.concatenate(start).astype(float),
-        np.concatenate(block),
-        np.concatenate(inner),
-        np.concatenate(lane),
-    )
-
-
-def _wave_vectors(size: int, cosine: Array, sine: Array) -> Array:
-    """Orthonormal columns (size, 3): a mean and a wave, cut from the middle of a longer wave."""
-    middle = slice(len(sine) // 2 - size // 2, len(sine) // 2 + size // 2)
-    vectors = np.empty((3, size))
-    vectors[0] = size**-0.5
-    vectors[1] = cosine[middle] - cosine[middle].mean()  # even, so already free of the sine
-    vectors[2] = sine[middle]
-    return (vectors / _norms(vectors)[:, None]).T
+def _vectors(longest: int, waves_from: int, omega: float) -> _Vectors:
+    """Vectors for blocks of up to `longest` rows; of `waves_from` rows and more keep up to three."""
+    phase = omega * (np.arange(longest) - 0.5 * (longest - 1))
+    cosine, sine = np.cos(phase), np.sin(phase)
+    columns, ends, size = [], [0], 1
+    while size <= longest:
+        vectors = np.full((1, size), size**-0.5)
+        if size == 2 and waves_from <= 2:
+            vectors = np.eye(2)
+        elif size > 2 and waves_from <= size:
+            # A mean and a wave, cut from the middle of a longer wave; the cosine is even, so free
+            # of the sine already.
+            middle = slice(longest // 2 - size // 2, longest // 2 + size // 2)
+            wave = np.stack([cosine[middle] - cosine[middle].mean(), sine[middle]])
+            vectors = np.concatenate([vectors, wave / _norms(wave)[:, None]])
+        columns.append(np.pad(vectors, ((0, 0), (0, longest - size))))
+        ends.append(ends[-1] + len(vectors))
+        size *= 2
+    matrix = np.ascontiguousarray(np.concatenate(columns).T)
+    tau = np.arange(float(longest))
+    return _Vectors(matrix, np.array(ends), matrix.sum(axis=0), tau @ matrix)
 
 
 def condense(values: Array, omega: float) -> Condensed:
     """Replace the blocks of `values` (rows,) by projections that keep waves near `omega`."""
+    groups = _block_groups(len(values))
+    longest = max(size for size, _, _ in groups)
     waves_from = 1
     while waves_from <= LONGEST_BLOCK and waves_from * omega < MEAN_ONLY_RAD:
         waves_from *= 2
-    plan = _plan(len(values), waves_from)
-    phase = omega * (np.arange(LONGEST_BLOCK) - 0.5 * (LONGEST_BLOCK - 1))
-    cosine, sine = np.cos(phase), np.sin(phase)
-    vectors: dict[int, Array] = {}
-    for size, _, _ in plan.groups:
-        if size < waves_from or size == 1:
-            vectors[size] = np.full((size, 1), size**-0.5)
-        else:
-            vectors[size] = np.eye(2) if size == 2 else _wave_vectors(size, cosine, sine)
-    data = [
-        (values[first : first + size * count].reshape(count, size) @ vectors[size]).ravel()
-        for size, first, count in plan.groups
-    ]
-    kept = tuple(vectors.values())
-    ones = np.concatenate([q.sum(axis=0) for q in kept])[plan.inner]
-    return Condensed(
-        np.concatenate(data), ones, plan.groups, plan.start, plan.block, plan.inner, plan.lane, kept
-    )
+    # Waves from a grid of frequencies, so that they are at hand for the next record of a sweep.
+    grid = WAVE_GRID_RAD / longest
+    vectors = _vectors(longest, min(waves_from, 2 * longest), round(omega / grid) * grid)
+    power = [size.bit_length() - 1 for size, _, _ in groups]
+    counts = [count for _, _, count in groups]
+    widths = np.diff(vectors.column)[power]
+    size_of = np.repeat([float(size) for size, _, _ in groups], counts)
+    width_of = np.repeat(widths, counts)
+    block = np.repeat(np.arange(len(size_of)), width_of)
+    lane = np.arange(len(block)) - (np.cumsum(width_of) - width_of)[block]
+    inner = np.repeat(vectors.column[power], widths * counts) + lane
+    data, entry = np.empty(len(block)), 0
+    for (size, first, count), width in zip(groups, widths.tolist(), strict=True):
+        rows = values[first : first + size * count].reshape(count, size)
+        out = data[entry : entry + count * width].reshape(count, width)
+        np.matmul(rows, vectors.of_block(size), out=out)
+        entry += count * width
+    ones = vectors.sums[inner]
+    start = np.cumsum(size_of) - size_of
+    return Condensed(data, ones, tuple(groups), start, block, inner, lane, vectors)
 
 
 def mode_functions(t: Array, sigma: float, a0: float) -> tuple[Array, Array]:
@@ -195,7 +229,7 @@ def columns(record: Condensed, sigma: float, a0: float, slopes: bool = True) -> 
         np.multiply(every[:2], t, out=every[2:4])
         every[4] = discriminant_slope(t, sigma, a0, every[0], every[1])
     inside = every[:, blocks:]
-    inner = np.concatenate([inside[:, : len(q)] @ q for q in record.vectors], axis=1)
+    inner = inside @ record.vectors.matrix
     fi, gi, *slopes_i = inner.take(record.inner, axis=1)
     fb, gb, *slopes_b = every.take(record.block, axis=1)
     out = np.empty((len(every) + 1, len(record.data)))
@@ -212,11 +246,11 @@ def columns(record: Condensed, sigma: float, a0: float, slopes: bool = True) -> 
 
 def straight_line_misfit(record: Condensed) -> float:
     """Sum of squares that the best straight line leaves over."""
-    tau = np.arange(float(record.longest))
-    inner = np.concatenate([tau[: len(q)] @ q for q in record.vectors])
-    ramp = record.start.take(record.block) * record.ones + inner.take(record.inner)
-    q = np.linalg.qr(np.stack([record.ones, ramp / ramp.max()], axis=1))[0]
-    residual = record.data - q @ (record.data @ q)
+    ones = record.ones / math.sqrt(float(record.ones @ record.ones))
+    ramp = record.start.take(record.block) * record.ones + record.vectors.ramps.take(record.inner)
+    ramp -= (ramp @ ones) * ones
+    residual = record.data - (record.data @ ones) * ones
+    residual -= (residual @ ramp) / float(ramp @ ramp) * ramp
     return float(residual @ residual)
 
 
@@ -287,10 +321,14 @@ def fit_weights(record: Condensed, poles: Array) -> Fit | None:
 
 
 def refine(record: Condensed, poles: Array, steps: int = MAX_STEPS) -> Fit | None:
-    """Gauss-Newton iteration with Marquardt's damping from `poles`; None if those overflow."""
+    """Best poles, sought from `poles`; None if those overflow."""
     here = fit_weights(record, poles)
-    if here is None:
-        return None
+    return None if here is None else improve(record, here, steps)
+
+
+def improve(record: Condensed, here: Fit, steps: int = MAX_STEPS) -> Fit:
+    """Gauss-Newton iteration with Marquardt's damping from the fit `here`."""
+    poles = here.poles
     rounding = (8.0 * EPS) ** 2 * float(record.data @ record.data)
     damping = 0.0
     powers = np.arange(1.0, len(poles) + 1.0) / len(poles)

@@ -20,6 +20,8 @@ from hybrid._modal_fit import (
     Fit,
     Index,
     condense,
+    fit_weights,
+    improve,
     misfit,
     mode_functions,
     refine,
@@ -32,12 +34,14 @@ HEAD_ROWS = 6144  # rows looked at one by one; a longer record is averaged down 
 WINDOW_RATIO = 8  # between one window and the next
 WINDOW_PICKS = 48  # rows of a window that enter the regression
 FASTEST_Z = 1e-3  # factor per row; a mode that decays faster leaves no second row
+CLEAN_ROWS = 1024  # rows, up to twice as many, that are looked at in a record without noise
 CLEAN = 1e-4  # share of the largest value that a regression leaves over in a record without noise
 CLOSE = 1e-6  # share of the sum of squares left over by a guess that needs no rival
 
 FEWEST_ROWS = 8
 FIRST_ROWS = 32
 OUTLIER = 5.0  # residual of a first row, in deviations, that gives away a faster mode
+FOREIGN = 100.0  # times OUTLIER; such rows can belong to no second-order mode
 DROPS = (4, 5, 8, 16, 32)  # first rows to leave out, tried in this order
 LONG_DROPS = (128, 512, 2048, 8192)
 LEFT_ROWS = 9  # at least, when first rows are left out
@@ -94,15 +98,16 @@ def _window_picks(rows: int) -> Index:
     return np.stack([w**spread for w in windows]).astype(int) - 1
 
 
-def running_sum_guesses(values: Array) -> tuple[list[Guess], float]:
+def running_sum_guesses(values: Array, windows: int | None = None) -> tuple[list[Guess], float]:
     """Poles from y = c + e n + g n^2 - a S y - b S S y by regression, S being the running sum.
 
     That is the difference equation of the mode summed twice: still exact, and smooth under noise.
-    One guess for each of several windows, all from the first row, as the mode may fill only a part.
+    One guess for each of several windows, all from the first row, as the mode may fill only a part;
+    and the largest residual of the first window, which is the whole.
     """
     sums = np.cumsum(values) - values
     double_sums = np.cumsum(sums) - sums
-    picks = _window_picks(len(values))
+    picks = _window_picks(len(values))[:windows]
     n = picks / picks[:, -1:]
     design = np.stack([sums[picks], double_sums[picks], np.ones_like(n), n, n * n], axis=2)
     norms = np.sqrt(np.sum(design * design, axis=1))
@@ -131,14 +136,7 @@ def starting_poles(values: Array) -> tuple[Condensed, float, Array]:
     while len(values) // (2 * size) >= HEAD_ROWS:
         size *= 2
     means = averaged(values, size)
-    guesses, residual = running_sum_guesses(means)
-    guesses = [_scaled(guess, size) for guess in guesses]
-    if residual < CLEAN * float(np.max(np.abs(means))):
-        omega = damped_frequency(guesses[0])
-        record = condense(values, omega)
-        left, best = min((misfit(record, *guess), guess) for guess in {guesses[0], guesses[-1]})
-        if left < CLOSE * float(record.data @ record.data):
-            return record, omega, np.array(best)
+    guesses = [_scaled(guess, size) for guess in running_sum_guesses(means)[0]]
     slow = size == 1 or np.var(means) > 0.5 * np.var(values[:: size - 1])
     line = _scaled(spectral_guess(means), size) if slow else spectral_guess(values)
     omega = line[1] ** 0.5
@@ -227,13 +225,88 @@ class Mode:
         """Whether the residuals are correlated, and are more than rounding."""
         return self.correlation > 1.0 and self.is_noisy()
 
+    def _misfit(self, first: int, last: int) -> tuple[float, float]:
+        """Largest residual in rows from `first` to before `last`, and what rounding may do there."""
+        values = self.values[first:last]
+        f, g = mode_functions(self.times(np.arange(first, first + len(values))), *self.fit.poles)
+        a, b, offset = self.fit.weights
+        residual = values - a * f - b * g - offset
+        return float(np.max(np.abs(residual))), 32.0 * EPS * float(np.max(np.abs(values)))
+
     def first_rows_fit(self) -> bool:
         """Whether the first fitted rows hold nothing but the mode."""
-        rows = np.arange(self.dropped, min(self.dropped + FIRST_ROWS, len(self.values)))
-        f, g = mode_functions(self.times(rows), *self.fit.poles)
-        residual = self.values[rows] - self.fit.weights @ np.stack([f, g, np.ones(len(rows))])
-        rounding = 32.0 * EPS * float(np.max(np.abs(self.values[rows])))
-        return bool(np.max(np.abs(residual)) < OUTLIER * self.deviation + rounding)
+        misfit, rounding = self._misfit(self.dropped, self.dropped + FIRST_ROWS)
+        return misfit < OUTLIER * self.deviation + rounding
+
+    def dropped_rows_differ(self) -> bool:
+        """Whether the rows left out hold, beyond doubt, more than the mode."""
+        misfit, rounding = self._misfit(0, self.dropped)
+        return misfit > FOREIGN * (OUTLIER * self.deviation + rounding)
+
+
+def _clean_guess(used: Array, backward: bool) -> Guess | None:
+    """Poles of a plain oscillation without noise, or None if the record may be anything else.
+
+    The first rows are left out, as they may hold a faster mode, and of a long record most others,
+    as no noise needs to be averaged.
+    """
+    rest = used[: -DROPS[1]] if backward else used[DROPS[1] :]
+    size = 1 + len(rest) // CLEAN_ROWS
+    picked = rest[::size]
+    guesses, residual = running_sum_guesses(picked, windows=1)
+    largest = max(float(np.max(picked)), -float(np.min(picked)))
+    guess = _scaled(guesses[0], size)
+    # Where the poles may be real, the first rows may be all there is to see of the faster one.
+    turns = damped_frequency(guess) > max(abs(guess[0]), math.pi / len(used))
+    return guess if turns and residual < CLEAN * largest else None
+
+
+def _foreign_rows(values: Array, guess: Guess) -> int:
+    """How many first rows hold more than the mode and a constant, by their difference equation.
+
+    `guess`: poles in the direction of `values`. The equation (1 - 1/z) (1 - z1/z) (1 - z2/z) y = 0
+    fails in a row by what that row holds of a faster mode, and later by less.
+    """
+    y = values[: FIRST_ROWS + 3]
+    root = np.sqrt(complex(guess[0] ** 2 - guess[1]))
+    z1, z2 = np.exp(guess[0] + root), np.exp(guess[0] - root)
+    change = np.diff(y)
+    left = np.abs(change[2:] - (z1 + z2).real * change[1:-1] + (z1 * z2).real * change[:-2])
+    usual = float(np.sort(left)[FIRST_ROWS // 2])
+    rounding = 32.0 * EPS * float(np.max(np.abs(y)))
+    foreign = np.flatnonzero(left > 2.0 * OUTLIER * usual + rounding)
+    return int(foreign[-1]) + 1 if len(foreign) else 0
+
+
+def _clean_mode(values: Array, backward: bool) -> Mode | None:
+    """Mode of a plain oscillation without noise, found without detours; None if it is none."""
+    if len(values) <= MASKING_ROWS:
+        return None
+    used = np.ascontiguousarray(values[::-1]) if backward else values
+    guess = _clean_guess(used, backward)
+    if guess is None:
+        return None
+    foreign = _foreign_rows(values, (-guess[0], guess[1]) if backward else guess)
+    omega = damped_frequency(guess)
+    whole = condense(used, omega)
+    for dropped in [drop for drop in (0, *DROPS) if drop >= foreign]:
+        record = whole.without(dropped, last=backward)
+        fit = fit_weights(record, np.array(guess))
+        if fit is None or not fit.rss < CLOSE * float(record.data @ record.data):
+            return None
+        fit = improve(record, fit)
+        mode = _mode(values, dropped, backward, record, fit)
+        if not _waves_suit(record, omega, fit):
+            return None
+        if mode.first_rows_fit():
+            return mode if dropped == 0 or mode.dropped_rows_differ() else None
+    return None
+
+
+def _waves_suit(record: Condensed, omega: float, fit: Fit) -> bool:
+    """Whether waves of the frequency `omega` still keep what the fitted mode needs."""
+    lasting = min(record.longest, 0.5 / (abs(float(fit.poles[0])) + EPS))
+    return abs(damped_frequency(fit.poles) - omega) * lasting <= 0.5 * MEAN_ONLY_RAD
 
 
 def _fit_values(used: Array, poles: Array | None) -> tuple[Condensed, Fit] | None:
@@ -246,10 +319,8 @@ def _fit_values(used: Array, poles: Array | None) -> tuple[Condensed, Fit] | Non
     fit = refine(record, poles)
     if fit is None:
         return None
-    found = damped_frequency(fit.poles)
-    lasting = min(record.longest, 0.5 / (abs(float(fit.poles[0])) + EPS))
-    if abs(found - omega) * lasting > 0.5 * MEAN_ONLY_RAD:
-        record = condense(used, found)
+    if not _waves_suit(record, omega, fit):
+        record = condense(used, damped_frequency(fit.poles))
         fit = refine(record, fit.poles) or fit
     return record, fit
 
@@ -260,7 +331,11 @@ def _fit_rows(values: Array, dropped: int, backward: bool, poles: Array | None) 
     found = _fit_values(used, poles)
     if found is None:
         return None
-    record, fit = found
+    return _mode(values, dropped, backward, *found)
+
+
+def _mode(values: Array, dropped: int, backward: bool, record: Condensed, fit: Fit) -> Mode:
+    """The mode with the deviation that the fit left over."""
     variance = fit.rss / max(1, len(record.data) - 5)
     return Mode(values, dropped, backward, record, fit, max(variance**0.5, TINY))
 
@@ -314,11 +389,13 @@ def find_mode(values: Array) -> Mode | None:
     rows = len(values)
     sample = values[:: rows // 2048 | 1]
     backward = bool(np.var(sample[len(sample) // 2 :]) > np.var(sample[: len(sample) // 2]))
-    mode = _fit_rows(values, 0, backward, None)
+    mode = _clean_mode(values, backward)
     if mode is None:
-        return None
-    if rows <= MASKING_ROWS or not mode.first_rows_fit():
-        mode = _without_faster_mode(mode)
+        mode = _fit_rows(values, 0, backward, None)
+        if mode is None:
+            return None
+        if rows <= MASKING_ROWS or not mode.first_rows_fit():
+            mode = _without_faster_mode(mode)
     if mode.is_structured():
         mode = _without_transient(mode)
     if mode.weak_part is None and mode.is_structured():
