@@ -139,23 +139,21 @@ def _vectors(longest: int, waves_from: int, omega: float) -> _Vectors:
     """Vectors for blocks of up to `longest` rows; of `waves_from` rows and more keep up to three."""
     phase = omega * (np.arange(longest) - 0.5 * (longest - 1))
     cosine, sine = np.cos(phase), np.sin(phase)
-    columns, ends, size = [], [0], 1
-    while size <= longest:
-        vectors = np.full((1, size), size**-0.5)
-        if size == 2 and waves_from <= 2:
-            vectors = np.eye(2)
-        elif size > 2 and waves_from <= size:
-            # A mean and a wave, cut from the middle of a longer wave; the cosine is even, so free
-            # of the sine already.
-            middle = slice(longest // 2 - size // 2, longest // 2 + size // 2)
-            wave = np.stack([cosine[middle] - cosine[middle].mean(), sine[middle]])
-            vectors = np.concatenate([vectors, wave / _norms(wave)[:, None]])
-        columns.append(np.pad(vectors, ((0, 0), (0, longest - size))))
-        ends.append(ends[-1] + len(vectors))
-        size *= 2
-    matrix = np.ascontiguousarray(np.concatenate(columns).T)
+    powers = range(longest.bit_length())
+    column = np.cumsum([0, *(min(2**k, 3) if 2**k >= waves_from else 1 for k in powers)])
+    matrix = np.zeros((longest, column[-1]))
+    for k in powers:
+        size, own = 2**k, matrix[: 2**k, column[k] : column[k + 1]]
+        own[:, 0] = size**-0.5
+        if own.shape == (2, 2):
+            own[:] = np.eye(2)
+        elif own.shape[1] == 3:
+            # Cut from the middle of a longer wave; the cosine is even, so free of the sine.
+            middle = slice((longest - size) // 2, (longest + size) // 2)
+            wave = np.stack([cosine[middle] - np.mean(cosine[middle]), sine[middle]])
+            own[:, 1:] = (wave / _norms(wave)[:, None]).T
     tau = np.arange(float(longest))
-    return _Vectors(matrix, np.array(ends), matrix.sum(axis=0), tau @ matrix)
+    return _Vectors(matrix, column, matrix.sum(axis=0), tau @ matrix)
 
 
 def condense(values: Array, omega: float) -> Condensed:
@@ -170,7 +168,7 @@ def condense(values: Array, omega: float) -> Condensed:
     vectors = _vectors(longest, min(waves_from, 2 * longest), round(omega / grid) * grid)
     power = [size.bit_length() - 1 for size, _, _ in groups]
     counts = [count for _, _, count in groups]
-    widths = np.diff(vectors.column)[power]
+    widths: Index = np.diff(vectors.column)[power]
     size_of = np.repeat([float(size) for size, _, _ in groups], counts)
     width_of = np.repeat(widths, counts)
     block = np.repeat(np.arange(len(size_of)), width_of)

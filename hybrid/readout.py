@@ -14,6 +14,7 @@ from hybrid._modal_fit import EPS, mode_functions, refine, straight_line_misfit
 from hybrid._modal_search import FEWEST_ROWS, Mode, find_mode
 
 Array = NDArray[np.float64]
+Errors = tuple[float, float, float]
 Readout = dict[str, float | str | None]
 
 UNEVEN = 1e-6  # largest departure of a time step from the mean, relative to it
@@ -88,16 +89,23 @@ def measure_transient(values: ArrayLike, interval_s: float, *, start_s: float = 
         raise ValueError(f"start_s must be finite and not negative, not {start_s}")
     window = record[math.ceil(min(start_s / interval_s * (1.0 - 1e-12), len(record))) :]
     reason = _unusable(window)
+    moving = slice(0, 0) if reason else _moving_rows(window)
+    if not reason and moving.stop - moving.start < FEWEST_ROWS:
+        reason = "the record is constant"
     if reason:
         return _no_answer(reason, 0)
-    scale, mean, scaled = _scaled(window)
+    scale, mean, scaled = _scaled(window, moving)
     mode = find_mode(scaled)
     if mode is None:
         return _no_answer("no second-order mode fits the record", 0)
     kind, reason = _verdict(mode, interval_s)
     if reason:
         return _no_answer(reason, mode.rows_used, kind)
-    return _answer(mode, kind, interval_s, scale, mean)
+    errors = _errors(mode)
+    if _too_large(errors, mode):
+        reason = "the mode is too uncertain in the noise, or too little of it is in the record"
+        return _no_answer(reason, mode.rows_used, kind)
+    return _answer(mode, kind, errors, interval_s, scale, mean)
 
 
 def _no_answer(reason: str, rows: int, kind: str = "none") -> Transient:
@@ -105,15 +113,12 @@ def _no_answer(reason: str, rows: int, kind: str = "none") -> Transient:
 
 
 def _unusable(window: Array) -> str:
-    """Why the rows cannot hold a transient; empty if they can."""
+    """Why the rows are no record; empty if they are one."""
     if len(window) < FEWEST_ROWS:
         return f"{len(window)} rows are too few; {FEWEST_ROWS} or more are needed"
     if not math.isfinite(float(np.max(window)) - float(np.min(window))):
         bad = np.flatnonzero(~np.isfinite(window))
         return f"row {bad[0]} is not a finite number" if len(bad) else "the values are too large"
-    moving = _moving_rows(window)
-    if moving.stop - moving.start < FEWEST_ROWS:
-        return "the record is constant"
     return ""
 
 
@@ -138,11 +143,11 @@ def _moving_rows(window: Array) -> slice:
     return slice(resting(window), max(0, len(window) - resting(window[::-1])))
 
 
-def _scaled(window: Array) -> tuple[float, float, Array]:
+def _scaled(window: Array, moving: slice) -> tuple[float, float, Array]:
     """The moving rows of the window as mean + values, in units of an exact scale near the peak."""
     peak = max(float(np.max(window)), -float(np.min(window)))
     scale = 2.0 ** max(math.frexp(peak)[1], -1000)
-    scaled = window[_moving_rows(window)] * (1.0 / scale)
+    scaled = window[moving] * (1.0 / scale)
     mean = float(np.mean(scaled))
     scaled -= mean
     return scale, mean, scaled
@@ -182,11 +187,14 @@ def _verdict(mode: Mode, interval_s: float) -> tuple[str, str]:
     kind = "oscillatory" if d < 0.0 else "overdamped"
     if _holds_more(mode, line):
         return kind, "one second-order mode does not explain the record; it may hold several"
-    omega_error, zeta_error, _ = _errors(mode)
-    omega = math.sqrt(a0)
-    if max(omega_error / omega, zeta_error / max(1.0, abs(sigma) / omega)) > LARGEST_ERROR:
-        return kind, "the mode is too uncertain in the noise, or too little of it is in the record"
     return kind, ""
+
+
+def _too_large(errors: Errors, mode: Mode) -> bool:
+    """Whether omega and zeta are so uncertain that they are no answer."""
+    sigma, a0 = mode.poles
+    omega = math.sqrt(a0)
+    return max(errors[0] / omega, errors[1] / max(1.0, abs(sigma) / omega)) > LARGEST_ERROR
 
 
 def _holds_more(mode: Mode, line: float) -> bool:
@@ -221,7 +229,7 @@ def _single_rate(mode: Mode) -> float | None:
     return float(single.poles[0]) * (-1.0 if mode.backward else 1.0)
 
 
-def _errors(mode: Mode) -> tuple[float, float, float]:
+def _errors(mode: Mode) -> Errors:
     """Standard deviations of omega (1/row), of zeta and of the damped frequency (1/row).
 
     To first order; but the damped frequency is the root of -d, which has no slope at d = 0, so its
@@ -253,12 +261,14 @@ def _errors(mode: Mode) -> tuple[float, float, float]:
     )
 
 
-def _answer(mode: Mode, kind: str, interval_s: float, scale: float, mean: float) -> Transient:
+def _answer(
+    mode: Mode, kind: str, errors: Errors, interval_s: float, scale: float, mean: float
+) -> Transient:
     """The fitted mode in the units of the record."""
     sigma, a0 = mode.poles
     omega, d = math.sqrt(a0), sigma * sigma - a0
     damped = math.sqrt(max(0.0, -d))
-    omega_error, zeta_error, damped_error = _errors(mode)
+    omega_error, zeta_error, damped_error = errors
     a, b, offset = mode.fit.weights
     f, g = (float(values[0]) for values in mode_functions(mode.times([0.0]), sigma, a0))
     x, slope = a * f + b * g, a * (sigma * f + d * g) + b * (sigma * g + f)
