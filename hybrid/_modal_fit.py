@@ -17,7 +17,7 @@ SIAM J. Numer. Anal. 10 (1973) 413; Kaufman, BIT 15 (1975) 49).
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import lru_cache
 
 import numpy as np
@@ -33,6 +33,7 @@ MEAN_ONLY_RAD = 0.3  # shorter blocks are replaced by their means, at a loss of 
 WAVE_GRID_RAD = 0.1  # step of the frequencies of waves, times the longest block
 SERIES_BELOW = 0.25  # |d| t^2 below which the derivative of g is summed as a series
 MAX_STEPS = 40
+STRAIGHT = 1e-9  # share of the values by which a step may move them; its square is not seen
 CONVERGED = 1e-3  # fall of the sum of squares, in variances, not worth another step
 EPS = float(np.finfo(float).eps)
 FLATTEST = 4.0 * EPS  # least curvature between tangents of unit norm that rounding leaves
@@ -50,18 +51,15 @@ class _Vectors:
 
     Blocks have powers of two of rows; column[k] is the first column for blocks of 2^k rows, which
     use the columns up to column[k + 1]. A vector shorter than the matrix is followed by zeros.
-    sums, ramps: products of the vectors with ones and with 0, 1, 2...
+    sums, ramps: products of the vectors with ones and with 0, 1, 2... of_block[k]: the vectors for
+    blocks of 2^k rows by themselves.
     """
 
     matrix: Array
     column: Index
     sums: Array
     ramps: Array
-
-    def of_block(self, size: int) -> Array:
-        """Vectors (size, width) for blocks of `size` rows."""
-        k = size.bit_length() - 1
-        return self.matrix[:size, self.column[k] : self.column[k + 1]]
+    of_block: tuple[Array, ...]
 
 
 @dataclass(frozen=True)
@@ -153,7 +151,11 @@ def _vectors(longest: int, waves_from: int, omega: float) -> _Vectors:
             wave = np.stack([cosine[middle] - np.mean(cosine[middle]), sine[middle]])
             own[:, 1:] = (wave / _norms(wave)[:, None]).T
     tau = np.arange(float(longest))
-    return _Vectors(matrix, column, matrix.sum(axis=0), tau @ matrix)
+    # Rows of the transpose, as numpy adds along contiguous rows in pairs, and so to the last digit.
+    sums = np.ascontiguousarray(matrix.T).sum(axis=1)
+    of_block = (matrix[: 2**k, column[k] : column[k + 1]] for k in powers)
+    blocks = tuple(np.ascontiguousarray(vectors) for vectors in of_block)
+    return _Vectors(matrix, column, sums, tau @ matrix, blocks)
 
 
 def condense(values: Array, omega: float) -> Condensed:
@@ -175,11 +177,11 @@ def condense(values: Array, omega: float) -> Condensed:
     lane = np.arange(len(block)) - (np.cumsum(width_of) - width_of)[block]
     inner = np.repeat(vectors.column[power], widths * counts) + lane
     data, entry = np.empty(len(block)), 0
-    for (size, first, count), width in zip(groups, widths.tolist(), strict=True):
+    for (size, first, count), k in zip(groups, power, strict=True):
         rows = values[first : first + size * count].reshape(count, size)
-        out = data[entry : entry + count * width].reshape(count, width)
-        np.matmul(rows, vectors.of_block(size), out=out)
-        entry += count * width
+        projections = rows @ vectors.of_block[k]
+        data[entry : entry + projections.size] = projections.ravel()
+        entry += projections.size
     ones = vectors.sums[inner]
     start = np.cumsum(size_of) - size_of
     return Condensed(data, ones, tuple(groups), start, block, inner, lane, vectors)
@@ -270,7 +272,8 @@ class Fit:
 
     poles: (sigma, a0) of a mode, or (rate,) of a single pole. weights: of f and g (of f alone for a
     single pole) and of 1. tangents: (poles, entries), the derivatives of the model with respect to
-    the poles, less what the weights can take up.
+    the poles, less what the weights can take up. weight_slopes: (poles, weights), the derivatives
+    of the best weights. reach: norms of the tangents before anything is taken up.
     """
 
     poles: Array
@@ -278,6 +281,19 @@ class Fit:
     residual: Array
     rss: float
     tangents: Array
+    weight_slopes: Array
+    reach: Array
+
+    def along_tangents(self, change: Array) -> Fit:
+        """The fit at poles so near by that the model does not bend on the way."""
+        residual = self.residual - change @ self.tangents
+        return replace(
+            self,
+            poles=self.poles + change,
+            weights=self.weights + change @ self.weight_slopes,
+            residual=residual,
+            rss=float(residual @ residual),
+        )
 
     def scaled_tangents(self) -> tuple[Array, Array]:
         """Tangents of unit norm, and the norms."""
@@ -314,8 +330,11 @@ def fit_weights(record: Condensed, poles: Array) -> Fit | None:
     if not single:
         tangents[1] = -0.5 * weights[0] * tg - weights[1] * h
         tangents[0] += weights[1] * tg - 2.0 * sigma * tangents[1]
-    tangents -= (tangents @ q) @ q.T
-    return Fit(poles, weights, residual, float(residual @ residual), tangents)
+    reach = _norms(tangents)
+    taken_up = tangents @ q
+    tangents -= taken_up @ q.T
+    slopes = -taken_up @ inverse.T
+    return Fit(poles, weights, residual, float(residual @ residual), tangents, slopes, reach)
 
 
 def refine(record: Condensed, poles: Array, steps: int = MAX_STEPS) -> Fit | None:
@@ -326,10 +345,10 @@ def refine(record: Condensed, poles: Array, steps: int = MAX_STEPS) -> Fit | Non
 
 def improve(record: Condensed, here: Fit, steps: int = MAX_STEPS) -> Fit:
     """Gauss-Newton iteration with Marquardt's damping from the fit `here`."""
-    poles = here.poles
-    rounding = (8.0 * EPS) ** 2 * float(record.data @ record.data)
+    energy = float(record.data @ record.data)
+    rounding = (8.0 * EPS) ** 2 * energy
     damping = 0.0
-    powers = np.arange(1.0, len(poles) + 1.0) / len(poles)
+    powers = np.arange(1.0, len(here.poles) + 1.0) / len(here.poles)
     for _ in range(steps):
         tangents, norms = here.scaled_tangents()
         slope = tangents @ here.residual
@@ -340,6 +359,9 @@ def improve(record: Condensed, here: Fit, steps: int = MAX_STEPS) -> Fit:
         size = abs(float(here.poles[-1])) ** powers
         if gain <= 1e-4 * rounding or (np.abs(change) <= 4.0 * EPS * size).all():
             break
+        if curvature[0] > 0.1 and float(np.abs(change) @ here.reach) ** 2 < STRAIGHT**2 * energy:
+            straight = here.along_tangents(change)
+            return straight if straight.rss < here.rss else here
         there = fit_weights(record, here.poles + change)
         if there is not None and there.rss < here.rss:
             here = there
@@ -356,8 +378,9 @@ def improve(record: Condensed, here: Fit, steps: int = MAX_STEPS) -> Fit:
 def row_residuals(values: Array, record: Condensed, fit: Fit) -> tuple[float, float]:
     """Root mean square and largest size of the rows less the fitted mode and constant."""
     sigma, a0 = fit.poles
-    fb, gb = mode_functions(record.start, sigma, a0)
-    f, g = mode_functions(np.arange(float(record.longest)), sigma, a0)
+    t, blocks = np.concatenate([record.start, np.arange(float(record.longest))]), len(record.start)
+    f, g = mode_functions(t, sigma, a0)
+    (fb, f), (gb, g) = np.split(f, [blocks]), np.split(g, [blocks])
     a, b, offset = fit.weights
     x, v = a * fb + b * gb, a * (sigma * sigma - a0) * gb + b * fb
     states = np.stack([x, v, np.full(len(x), offset)], axis=1)

@@ -34,7 +34,7 @@ HEAD_ROWS = 6144  # rows looked at one by one; a longer record is averaged down 
 WINDOW_RATIO = 8  # between one window and the next
 WINDOW_PICKS = 48  # rows of a window that enter the regression
 FASTEST_Z = 1e-3  # factor per row; a mode that decays faster leaves no second row
-CLEAN_ROWS = 1024  # rows, up to twice as many, that are looked at in a record without noise
+CLEAN_ROWS = 1024  # that are looked at in a record without noise
 CLEAN = 1e-4  # share of the largest value that a regression leaves over in a record without noise
 CLOSE = 1e-6  # share of the sum of squares left over by a guess that needs no rival
 
@@ -136,7 +136,14 @@ def starting_poles(values: Array) -> tuple[Condensed, float, Array]:
     while len(values) // (2 * size) >= HEAD_ROWS:
         size *= 2
     means = averaged(values, size)
-    guesses = [_scaled(guess, size) for guess in running_sum_guesses(means)[0]]
+    guesses, residual = running_sum_guesses(means)
+    guesses = [_scaled(guess, size) for guess in guesses]
+    if residual < CLEAN * float(np.max(np.abs(means))):
+        omega = damped_frequency(guesses[0])
+        record = condense(values, omega)
+        left, best = min((misfit(record, *guess), guess) for guess in {guesses[0], guesses[-1]})
+        if left < CLOSE * float(record.data @ record.data):
+            return record, omega, np.array(best)
     slow = size == 1 or np.var(means) > 0.5 * np.var(values[:: size - 1])
     line = _scaled(spectral_guess(means), size) if slow else spectral_guess(values)
     omega = line[1] ** 0.5
@@ -225,34 +232,40 @@ class Mode:
         """Whether the residuals are correlated, and are more than rounding."""
         return self.correlation > 1.0 and self.is_noisy()
 
-    def _misfit(self, first: int, last: int) -> tuple[float, float]:
-        """Largest residual in rows from `first` to before `last`, and what rounding may do there."""
-        values = self.values[first:last]
-        f, g = mode_functions(self.times(np.arange(first, first + len(values))), *self.fit.poles)
+    @cached_property
+    def _first_residuals(self) -> Array:
+        """Sizes of the residuals of the rows left out and of the first fitted ones."""
+        values = self.values[: self.dropped + FIRST_ROWS]
         a, b, offset = self.fit.weights
-        residual = values - a * f - b * g - offset
-        return float(np.max(np.abs(residual))), 32.0 * EPS * float(np.max(np.abs(values)))
+        with np.errstate(over="ignore", invalid="ignore"):  # before the start of a fast decay
+            f, g = mode_functions(self.times(np.arange(len(values))), *self.fit.poles)
+            sizes: Array = np.abs(values - a * f - b * g - offset)
+        return sizes
+
+    def _first_rounding(self) -> float:
+        """What rounding may leave in the first rows."""
+        return 32.0 * EPS * float(np.max(np.abs(self.values[: self.dropped + FIRST_ROWS])))
 
     def first_rows_fit(self) -> bool:
         """Whether the first fitted rows hold nothing but the mode."""
-        misfit, rounding = self._misfit(self.dropped, self.dropped + FIRST_ROWS)
-        return misfit < OUTLIER * self.deviation + rounding
+        largest = float(np.max(self._first_residuals[self.dropped :]))
+        return largest < OUTLIER * self.deviation + self._first_rounding()
 
     def dropped_rows_differ(self) -> bool:
         """Whether the rows left out hold, beyond doubt, more than the mode."""
-        misfit, rounding = self._misfit(0, self.dropped)
-        return misfit > FOREIGN * (OUTLIER * self.deviation + rounding)
+        largest = float(np.max(self._first_residuals[: self.dropped]))
+        return largest > FOREIGN * (OUTLIER * self.deviation + self._first_rounding())
 
 
 def _clean_guess(used: Array, backward: bool) -> Guess | None:
     """Poles of a plain oscillation without noise, or None if the record may be anything else.
 
-    The first rows are left out, as they may hold a faster mode, and of a long record most others,
-    as no noise needs to be averaged.
+    The first rows are left out, as they may hold a faster mode, and of a long record all but
+    CLEAN_ROWS, as no noise needs to be averaged.
     """
     rest = used[: -DROPS[1]] if backward else used[DROPS[1] :]
-    size = 1 + len(rest) // CLEAN_ROWS
-    picked = rest[::size]
+    size = max(1, len(rest) // CLEAN_ROWS)
+    picked = rest[::size][:CLEAN_ROWS]
     guesses, residual = running_sum_guesses(picked, windows=1)
     largest = max(float(np.max(picked)), -float(np.min(picked)))
     guess = _scaled(guesses[0], size)
@@ -384,11 +397,18 @@ def _weak_part(mode: Mode) -> tuple[Array, Array] | None:
     return fit.poles, fit.covariance() * fit.rss / max(1, len(record.data) - 5)
 
 
+def _power(values: Array) -> float:
+    """Sum of squares about the mean."""
+    varying = values - np.mean(values)
+    return float(varying @ varying)
+
+
 def find_mode(values: Array) -> Mode | None:
     """Fit the mode, without first rows that hold a faster one too; None if there is none."""
     rows = len(values)
     sample = values[:: rows // 2048 | 1]
-    backward = bool(np.var(sample[len(sample) // 2 :]) > np.var(sample[: len(sample) // 2]))
+    half = len(sample) // 2
+    backward = bool(_power(sample[half:]) / (len(sample) - half) > _power(sample[:half]) / half)
     mode = _clean_mode(values, backward)
     if mode is None:
         mode = _fit_rows(values, 0, backward, None)

@@ -244,11 +244,11 @@ def _errors(mode: Mode) -> Errors:
     slopes = np.array(
         [[0.0, 0.5 / omega], [-1.0 / omega, 0.5 * sigma / omega**3], [-2.0 * sigma, 1.0]]
     )
-    errors = np.sqrt(np.abs(np.einsum("ij,jk,ik->i", slopes, covariance, slopes)))
+    errors = np.sqrt(np.abs(np.sum((slopes @ covariance) * slopes, axis=1)))
     if mode.weak_part is not None:
         poles, covariance = mode.weak_part
         covariance = covariance if drift is None else covariance + 2.0 * drift
-        scatter = np.sqrt(np.abs(np.einsum("ij,jk,ik->i", slopes, covariance, slopes)))
+        scatter = np.sqrt(np.abs(np.sum((slopes @ covariance) * slopes, axis=1)))
         errors += np.maximum(0.0, np.abs(slopes @ (poles - mode.fit.poles)) - 3.0 * scatter)
     omega_error, zeta_error, square_error = (float(error) for error in errors)
     square = a0 - sigma * sigma
