@@ -30,7 +30,7 @@ BLOCKS_PER_OCTAVE = 16
 SINGLE_ROWS = 32  # at either end that are blocks of their own: two octaves, as it were
 LONGEST_BLOCK = 1024
 MEAN_ONLY_RAD = 0.3  # shorter blocks are replaced by their means, at a loss of 0.4 % of information
-WAVE_GRID_RAD = 0.1  # step of the frequencies of waves, times the longest block
+WAVE_GRID_RAD = 0.25  # step of the frequencies of waves, times the longest block
 SERIES_BELOW = 0.25  # |d| t^2 below which the derivative of g is summed as a series
 MAX_STEPS = 40
 STRAIGHT = 1e-9  # share of the values by which a step may move them; its square is not seen
@@ -273,7 +273,8 @@ class Fit:
     poles: (sigma, a0) of a mode, or (rate,) of a single pole. weights: of f and g (of f alone for a
     single pole) and of 1. tangents: (poles, entries), the derivatives of the model with respect to
     the poles, less what the weights can take up. weight_slopes: (poles, weights), the derivatives
-    of the best weights. reach: norms of the tangents before anything is taken up.
+    of the best weights. reach: norms of the tangents before anything is taken up; norms: after.
+    curvature, axes: eigenvalues and vectors of the products of the tangents at unit norm.
     """
 
     poles: Array
@@ -283,6 +284,9 @@ class Fit:
     tangents: Array
     weight_slopes: Array
     reach: Array
+    norms: Array
+    curvature: Array
+    axes: Array
 
     def along_tangents(self, change: Array) -> Fit:
         """The fit at poles so near by that the model does not bend on the way."""
@@ -295,17 +299,10 @@ class Fit:
             rss=float(residual @ residual),
         )
 
-    def scaled_tangents(self) -> tuple[Array, Array]:
-        """Tangents of unit norm, and the norms."""
-        norms = _norms(self.tangents)
-        return self.tangents / norms[:, None], norms
-
     def covariance(self) -> Array:
         """Covariance (poles, poles) of the poles for rows of unit variance."""
-        tangents, norms = self.scaled_tangents()
-        curvature, axes = np.linalg.eigh(tangents @ tangents.T)
-        axes /= norms[:, None]
-        return np.asarray((axes / np.maximum(curvature, FLATTEST)) @ axes.T)
+        axes = self.axes / self.norms[:, None]
+        return np.asarray((axes / np.maximum(self.curvature, FLATTEST)) @ axes.T)
 
 
 def fit_weights(record: Condensed, poles: Array) -> Fit | None:
@@ -334,7 +331,12 @@ def fit_weights(record: Condensed, poles: Array) -> Fit | None:
     taken_up = tangents @ q
     tangents -= taken_up @ q.T
     slopes = -taken_up @ inverse.T
-    return Fit(poles, weights, residual, float(residual @ residual), tangents, slopes, reach)
+    rss, norms = float(residual @ residual), _norms(tangents)
+    scaled = tangents / norms[:, None]
+    curvature, axes = np.linalg.eigh(scaled @ scaled.T)
+    return Fit(
+        poles, weights, residual, rss, tangents, slopes, reach, norms, np.asarray(curvature), axes
+    )
 
 
 def refine(record: Condensed, poles: Array, steps: int = MAX_STEPS) -> Fit | None:
@@ -350,16 +352,17 @@ def improve(record: Condensed, here: Fit, steps: int = MAX_STEPS) -> Fit:
     damping = 0.0
     powers = np.arange(1.0, len(here.poles) + 1.0) / len(here.poles)
     for _ in range(steps):
-        tangents, norms = here.scaled_tangents()
-        slope = tangents @ here.residual
-        curvature, axes = np.linalg.eigh(tangents @ tangents.T)
-        step = axes @ ((axes.T @ slope) / (np.maximum(curvature, FLATTEST) + damping))
+        slope, axes = here.tangents @ here.residual / here.norms, here.axes
+        step = axes @ ((slope @ axes) / (np.maximum(here.curvature, FLATTEST) + damping))
         gain = float(step @ slope)
-        change = step / norms
+        change = step / here.norms
         size = abs(float(here.poles[-1])) ** powers
         if gain <= 1e-4 * rounding or (np.abs(change) <= 4.0 * EPS * size).all():
             break
-        if curvature[0] > 0.1 and float(np.abs(change) @ here.reach) ** 2 < STRAIGHT**2 * energy:
+        if (
+            here.curvature[0] > 0.1
+            and float(np.abs(change) @ here.reach) ** 2 < STRAIGHT**2 * energy
+        ):
             straight = here.along_tangents(change)
             return straight if straight.rss < here.rss else here
         there = fit_weights(record, here.poles + change)
@@ -378,13 +381,13 @@ def improve(record: Condensed, here: Fit, steps: int = MAX_STEPS) -> Fit:
 def row_residuals(values: Array, record: Condensed, fit: Fit) -> tuple[float, float]:
     """Root mean square and largest size of the rows less the fitted mode and constant."""
     sigma, a0 = fit.poles
-    t, blocks = np.concatenate([record.start, np.arange(float(record.longest))]), len(record.start)
-    f, g = mode_functions(t, sigma, a0)
-    (fb, f), (gb, g) = np.split(f, [blocks]), np.split(g, [blocks])
+    blocks = len(record.start)
+    t = np.concatenate([record.start, np.arange(float(record.longest))])
+    functions = np.ones((3, len(t)))
+    functions[0], functions[1] = mode_functions(t, sigma, a0)
     a, b, offset = fit.weights
-    x, v = a * fb + b * gb, a * (sigma * sigma - a0) * gb + b * fb
-    states = np.stack([x, v, np.full(len(x), offset)], axis=1)
-    functions = np.stack([f, g, np.ones(len(f))])
+    turn = np.array([[a, b, 0.0], [b, a * (sigma * sigma - a0), 0.0], [0.0, 0.0, offset]])
+    states, functions = functions[:, :blocks].T @ turn, functions[:, blocks:]
     left, block = np.empty(len(values)), 0
     for size, first, count in record.groups:
         part = left[first : first + size * count].reshape(count, size)

@@ -5,6 +5,7 @@ Time in rows; a guess is (sigma, a0) as in `hybrid._modal_fit`.
 
 from __future__ import annotations
 
+import cmath
 import math
 from dataclasses import dataclass, replace
 from functools import cached_property, lru_cache
@@ -109,11 +110,14 @@ def running_sum_guesses(values: Array, windows: int | None = None) -> tuple[list
     double_sums = np.cumsum(sums) - sums
     picks = _window_picks(len(values))[:windows]
     n = picks / picks[:, -1:]
-    design = np.stack([sums[picks], double_sums[picks], np.ones_like(n), n, n * n], axis=2)
-    norms = np.sqrt(np.sum(design * design, axis=1))
+    design = np.ones((*picks.shape, 5))
+    design[..., 0], design[..., 1] = sums[picks], double_sums[picks]
+    design[..., 3], design[..., 4] = n, n * n
+    norms = np.sqrt(np.einsum("ijk,ijk->ik", design, design))
     norms[norms == 0.0] = 1.0
     q, r = np.linalg.qr(design / norms[:, None])
-    r += 1e-15 * np.eye(5) * np.where(r < 0.0, -1.0, 1.0)
+    diagonal = np.einsum("ijj->ij", r)
+    diagonal += np.copysign(1e-15, diagonal)
     taken = np.swapaxes(q, 1, 2) @ values[picks][:, :, None]
     slope, level = (np.linalg.solve(r, taken)[:, :2, 0] / norms[:, :2]).T
     root = np.sqrt((0.25 * slope * slope + level).astype(complex))
@@ -281,8 +285,8 @@ def _foreign_rows(values: Array, guess: Guess) -> int:
     fails in a row by what that row holds of a faster mode, and later by less.
     """
     y = values[: FIRST_ROWS + 3]
-    root = np.sqrt(complex(guess[0] ** 2 - guess[1]))
-    z1, z2 = np.exp(guess[0] + root), np.exp(guess[0] - root)
+    root = cmath.sqrt(guess[0] ** 2 - guess[1])
+    z1, z2 = cmath.exp(guess[0] + root), cmath.exp(guess[0] - root)
     change = np.diff(y)
     left = np.abs(change[2:] - (z1 + z2).real * change[1:-1] + (z1 * z2).real * change[:-2])
     usual = float(np.sort(left)[FIRST_ROWS // 2])

@@ -89,12 +89,12 @@ def measure_transient(values: ArrayLike, interval_s: float, *, start_s: float = 
         raise ValueError(f"start_s must be finite and not negative, not {start_s}")
     window = record[math.ceil(min(start_s / interval_s * (1.0 - 1e-12), len(record))) :]
     reason = _unusable(window)
-    moving = slice(0, 0) if reason else _moving_rows(window)
-    if not reason and moving.stop - moving.start < FEWEST_ROWS:
-        reason = "the record is constant"
     if reason:
         return _no_answer(reason, 0)
-    scale, mean, scaled = _scaled(window, moving)
+    moving = window[_moving_rows(window)]
+    if len(moving) < FEWEST_ROWS:
+        return _no_answer("the record is constant", 0)
+    scale, mean, scaled = _scaled(moving)
     mode = find_mode(scaled)
     if mode is None:
         return _no_answer("no second-order mode fits the record", 0)
@@ -143,11 +143,11 @@ def _moving_rows(window: Array) -> slice:
     return slice(resting(window), max(0, len(window) - resting(window[::-1])))
 
 
-def _scaled(window: Array, moving: slice) -> tuple[float, float, Array]:
-    """The moving rows of the window as mean + values, in units of an exact scale near the peak."""
-    peak = max(float(np.max(window)), -float(np.min(window)))
+def _scaled(moving: Array) -> tuple[float, float, Array]:
+    """The moving rows as mean + values, in units of an exact scale near the peak."""
+    peak = max(float(np.max(moving)), -float(np.min(moving)))
     scale = 2.0 ** max(math.frexp(peak)[1], -1000)
-    scaled = window[moving] * (1.0 / scale)
+    scaled = moving * (1.0 / scale)
     mean = float(np.mean(scaled))
     scaled -= mean
     return scale, mean, scaled
