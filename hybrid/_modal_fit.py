@@ -37,6 +37,7 @@ STRAIGHT = 1e-9  # share of the values by which a step may move them; its square
 CONVERGED = 1e-3  # fall of the sum of squares, in variances, not worth another step
 EPS = float(np.finfo(float).eps)
 FLATTEST = 4.0 * EPS  # least curvature between tangents of unit norm that rounding leaves
+BISECTORS = np.array([[1.0, 1.0], [-1.0, 1.0]]) / math.sqrt(2.0)
 SMALLEST = 1e-150  # stands in for the norm of a row of zeros
 
 
@@ -305,6 +306,27 @@ class Fit:
         return np.asarray((axes / np.maximum(self.curvature, FLATTEST)) @ axes.T)
 
 
+def _orthonormal(design: Array) -> tuple[Array, Array]:
+    """Orthonormal rows q that span the rows of `design`, and the matrix m with q = m design.
+
+    By Gram and Schmidt, each row twice, which is enough (Giraud, Langou, Rozloznik and van den
+    Eshof, Numer. Math. 101 (2005) 87). A row that depends on others is not blown up beyond 1e15.
+    """
+    count, entries = design.shape
+    norms = _norms(design)
+    both = np.zeros((count, entries + count))
+    np.divide(design, norms[:, None], out=both[:, :entries])
+    both[range(count), range(entries, entries + count)] = 1.0 / norms
+    q, made_of = both[:, :entries], both[:, entries:]
+    for row in range(1, count):
+        for _ in range(2):
+            both[row] -= (q[:row] @ q[row]) @ both[:row]
+        norm = math.sqrt(float(q[row] @ q[row]))
+        q[row] /= max(norm, SMALLEST)
+        made_of[row] /= norm + 1e-15
+    return q, made_of
+
+
 def fit_weights(record: Condensed, poles: Array) -> Fit | None:
     """Best weights at the given poles; None where the exponentials overflow."""
     single = len(poles) == 1
@@ -314,13 +336,10 @@ def fit_weights(record: Condensed, poles: Array) -> Fit | None:
     if not np.isfinite(functions).all():
         return None
     design, (tf, tg, h) = functions[0:3:2] if single else functions[:3], functions[3:]
-    norms = _norms(design)
-    q, r = np.linalg.qr((design / norms[:, None]).T)
-    r.flat[:: len(r) + 1] += np.copysign(1e-15, np.diagonal(r))
-    inverse = np.linalg.inv(r) / norms[:, None]
-    weights = inverse @ (record.data @ q)
+    q, made_of = _orthonormal(design)
+    weights = (q @ record.data) @ made_of
     # Once more on what is left, so that small rows are fitted to their own rounding.
-    weights += inverse @ ((record.data - weights @ design) @ q)
+    weights += (q @ (record.data - weights @ design)) @ made_of
     residual = record.data - weights @ design
     tangents = np.empty((len(poles), len(record.data)))
     tangents[0] = weights[0] * tf
@@ -328,15 +347,16 @@ def fit_weights(record: Condensed, poles: Array) -> Fit | None:
         tangents[1] = -0.5 * weights[0] * tg - weights[1] * h
         tangents[0] += weights[1] * tg - 2.0 * sigma * tangents[1]
     reach = _norms(tangents)
-    taken_up = tangents @ q
-    tangents -= taken_up @ q.T
-    slopes = -taken_up @ inverse.T
-    rss, norms = float(residual @ residual), _norms(tangents)
-    scaled = tangents / norms[:, None]
-    curvature, axes = np.linalg.eigh(scaled @ scaled.T)
-    return Fit(
-        poles, weights, residual, rss, tangents, slopes, reach, norms, np.asarray(curvature), axes
-    )
+    taken_up = tangents @ q.T
+    tangents -= taken_up @ q
+    slopes = -taken_up @ made_of
+    norms = _norms(tangents)
+    curvature, axes = np.ones(1), np.ones((1, 1))
+    if not single:  # the axes of two unit vectors bisect the angles between them
+        cosine = float((tangents[0] / norms[0]) @ (tangents[1] / norms[1]))
+        curvature, axes = np.array([1.0 - cosine, 1.0 + cosine]), BISECTORS
+    rss = float(residual @ residual)
+    return Fit(poles, weights, residual, rss, tangents, slopes, reach, norms, curvature, axes)
 
 
 def refine(record: Condensed, poles: Array, steps: int = MAX_STEPS) -> Fit | None:
@@ -356,15 +376,13 @@ def improve(record: Condensed, here: Fit, steps: int = MAX_STEPS) -> Fit:
         step = axes @ ((slope @ axes) / (np.maximum(here.curvature, FLATTEST) + damping))
         gain = float(step @ slope)
         change = step / here.norms
+        reach = float(np.abs(change) @ here.reach)
+        if reach**2 < STRAIGHT**2 * energy and here.curvature.min() > 0.1:
+            straight = here.along_tangents(change)
+            return straight if straight.rss < here.rss else here
         size = abs(float(here.poles[-1])) ** powers
         if gain <= 1e-4 * rounding or (np.abs(change) <= 4.0 * EPS * size).all():
             break
-        if (
-            here.curvature[0] > 0.1
-            and float(np.abs(change) @ here.reach) ** 2 < STRAIGHT**2 * energy
-        ):
-            straight = here.along_tangents(change)
-            return straight if straight.rss < here.rss else here
         there = fit_weights(record, here.poles + change)
         if there is not None and there.rss < here.rss:
             here = there
@@ -395,4 +413,4 @@ def row_residuals(values: Array, record: Condensed, fit: Fit) -> tuple[float, fl
         block += count
     np.subtract(values, left, out=left)
     rms = math.sqrt(float(np.einsum("i,i->", left, left)) / len(left))
-    return rms, max(float(np.max(left)), -float(np.min(left)))
+    return rms, max(float(left.max()), -float(left.min()))

@@ -108,26 +108,26 @@ def running_sum_guesses(values: Array, windows: int | None = None) -> tuple[list
     """
     sums = np.cumsum(values) - values
     double_sums = np.cumsum(sums) - sums
-    picks = _window_picks(len(values))[:windows]
-    n = picks / picks[:, -1:]
-    design = np.ones((*picks.shape, 5))
-    design[..., 0], design[..., 1] = sums[picks], double_sums[picks]
-    design[..., 3], design[..., 4] = n, n * n
-    norms = np.sqrt(np.einsum("ijk,ijk->ik", design, design))
-    norms[norms == 0.0] = 1.0
-    q, r = np.linalg.qr(design / norms[:, None])
-    diagonal = np.einsum("ijj->ij", r)
-    diagonal += np.copysign(1e-15, diagonal)
-    taken = np.swapaxes(q, 1, 2) @ values[picks][:, :, None]
-    slope, level = (np.linalg.solve(r, taken)[:, :2, 0] / norms[:, :2]).T
-    root = np.sqrt((0.25 * slope * slope + level).astype(complex))
-    z = 1.0 + 0.5 * slope + np.stack([root, -root])
-    z[(z.imag == 0.0) & (z.real < FASTEST_Z)] = FASTEST_Z
-    s = np.log(z)
-    half_sum, product = 0.5 * s.sum(axis=0).real, s.prod(axis=0).real
-    guesses = list(zip(half_sum.tolist(), product.tolist(), strict=True))
-    residual = values[picks[0]] - q[0] @ taken[0, :, 0]
-    return guesses, float(np.max(np.abs(residual)))
+    guesses, largest = [], math.inf
+    for picks in _window_picks(len(values))[:windows]:
+        n, y = picks / picks[-1], values[picks]
+        design = np.stack([sums[picks], double_sums[picks], np.ones_like(n), n, n * n])
+        norms = np.sqrt(np.einsum("ij,ij->i", design, design))
+        norms[norms == 0.0] = 1.0
+        design /= norms[:, None]
+        weights = np.linalg.lstsq(design.T, y, rcond=EPS)[0]
+        slope, level = (weights[:2] / norms[:2]).tolist()
+        root = cmath.sqrt(0.25 * slope * slope + level)
+        s1, s2 = _logarithm(1.0 + 0.5 * slope + root), _logarithm(1.0 + 0.5 * slope - root)
+        guesses.append((0.5 * (s1 + s2).real, (s1 * s2).real))
+        if len(guesses) == 1:
+            largest = float(np.abs(y - weights @ design).max())
+    return guesses, largest
+
+
+def _logarithm(z: complex) -> complex:
+    """log z, for a mode that alternates or decays too fast as for one that decays in a row."""
+    return cmath.log(FASTEST_Z if z.imag == 0.0 and z.real < FASTEST_Z else z)
 
 
 def _scaled(guess: Guess, size: int) -> Guess:
@@ -230,7 +230,7 @@ class Mode:
 
     def is_noisy(self) -> bool:
         """Whether the residuals are more than rounding."""
-        return self.deviation > EXACT * float(np.max(np.abs(self.values)))
+        return self.deviation > EXACT * max(float(self.values.max()), -float(self.values.min()))
 
     def is_structured(self) -> bool:
         """Whether the residuals are correlated, and are more than rounding."""
@@ -248,16 +248,16 @@ class Mode:
 
     def _first_rounding(self) -> float:
         """What rounding may leave in the first rows."""
-        return 32.0 * EPS * float(np.max(np.abs(self.values[: self.dropped + FIRST_ROWS])))
+        return 32.0 * EPS * float(np.abs(self.values[: self.dropped + FIRST_ROWS]).max())
 
     def first_rows_fit(self) -> bool:
         """Whether the first fitted rows hold nothing but the mode."""
-        largest = float(np.max(self._first_residuals[self.dropped :]))
+        largest = float(self._first_residuals[self.dropped :].max())
         return largest < OUTLIER * self.deviation + self._first_rounding()
 
     def dropped_rows_differ(self) -> bool:
         """Whether the rows left out hold, beyond doubt, more than the mode."""
-        largest = float(np.max(self._first_residuals[: self.dropped]))
+        largest = float(self._first_residuals[: self.dropped].max())
         return largest > FOREIGN * (OUTLIER * self.deviation + self._first_rounding())
 
 
@@ -271,7 +271,7 @@ def _clean_guess(used: Array, backward: bool) -> Guess | None:
     size = max(1, len(rest) // CLEAN_ROWS)
     picked = rest[::size][:CLEAN_ROWS]
     guesses, residual = running_sum_guesses(picked, windows=1)
-    largest = max(float(np.max(picked)), -float(np.min(picked)))
+    largest = max(float(picked.max()), -float(picked.min()))
     guess = _scaled(guesses[0], size)
     # Where the poles may be real, the first rows may be all there is to see of the faster one.
     turns = damped_frequency(guess) > max(abs(guess[0]), math.pi / len(used))
@@ -290,7 +290,7 @@ def _foreign_rows(values: Array, guess: Guess) -> int:
     change = np.diff(y)
     left = np.abs(change[2:] - (z1 + z2).real * change[1:-1] + (z1 * z2).real * change[:-2])
     usual = float(np.sort(left)[FIRST_ROWS // 2])
-    rounding = 32.0 * EPS * float(np.max(np.abs(y)))
+    rounding = 32.0 * EPS * float(np.abs(y).max())
     foreign = np.flatnonzero(left > 2.0 * OUTLIER * usual + rounding)
     return int(foreign[-1]) + 1 if len(foreign) else 0
 
@@ -403,7 +403,7 @@ def _weak_part(mode: Mode) -> tuple[Array, Array] | None:
 
 def _power(values: Array) -> float:
     """Sum of squares about the mean."""
-    varying = values - np.mean(values)
+    varying = values - values.sum() / len(values)
     return float(varying @ varying)
 
 

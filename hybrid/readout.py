@@ -116,7 +116,7 @@ def _unusable(window: Array) -> str:
     """Why the rows are no record; empty if they are one."""
     if len(window) < FEWEST_ROWS:
         return f"{len(window)} rows are too few; {FEWEST_ROWS} or more are needed"
-    if not math.isfinite(float(np.max(window)) - float(np.min(window))):
+    if not math.isfinite(float(window.max()) - float(window.min())):
         bad = np.flatnonzero(~np.isfinite(window))
         return f"row {bad[0]} is not a finite number" if len(bad) else "the values are too large"
     return ""
@@ -145,10 +145,10 @@ def _moving_rows(window: Array) -> slice:
 
 def _scaled(moving: Array) -> tuple[float, float, Array]:
     """The moving rows as mean + values, in units of an exact scale near the peak."""
-    peak = max(float(np.max(moving)), -float(np.min(moving)))
+    peak = max(float(moving.max()), -float(moving.min()))
     scale = 2.0 ** max(math.frexp(peak)[1], -1000)
     scaled = moving * (1.0 / scale)
-    mean = float(np.mean(scaled))
+    mean = float(scaled.sum()) / len(scaled)
     scaled -= mean
     return scale, mean, scaled
 
