@@ -9,6 +9,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from hybrid._modal_fit import condense, fit_weights, row_residuals
 from hybrid.readout import READOUTS, measure_transient
 
 OMEGA = 10.0
@@ -299,6 +300,31 @@ def test_fast_transient_at_the_start_is_left_out(amplitude):
     record = free_response(OMEGA, 0.05, t) + amplitude * np.exp(-40.0 * OMEGA * t)
     found = assert_measures(record, 1e-3, OMEGA, 0.05, 1e-9)
     assert 5000 < found.rows_used < 6001
+
+
+@pytest.mark.parametrize("zeta", [-0.05, 0.0, 0.05])
+@pytest.mark.parametrize("z", [0.02, -0.1])
+def test_mode_of_a_few_rows_is_left_out(zeta, z):
+    """A third root near z = 0, as a delay brings about; whichever end is the stronger one."""
+    n = np.arange(3000)
+    record = 0.2 + free_response(OMEGA, zeta, n * 1e-3) + 1e-3 * z**n
+    found = assert_measures(record, 1e-3, OMEGA, zeta, 1e-13)
+    assert 2984 <= found.rows_used < 3000
+    assert max(found.omega_error / OMEGA, found.zeta_error) < 1e-14
+
+
+@pytest.mark.parametrize("last", [False, True])
+@pytest.mark.parametrize("rows", [40, 100, 1001, 20011])
+def test_rows_left_out_of_a_condensed_record(rows, last):
+    """The rest is condensed already: the same mode fits it to rounding, row by row."""
+    sigma, omega = -1.0 / rows, 0.03
+    values = 0.3 + np.exp(sigma * np.arange(rows)) * np.cos(omega * np.arange(rows))
+    rest = condense(values, omega).without(7, last)
+    assert sum(size * count for size, _, count in rest.groups) == rows - 7
+    fit = fit_weights(rest, np.array([sigma, sigma**2 + omega**2]))
+    assert fit.rss < 1e-26 * float(rest.data @ rest.data)
+    kept = values[:-7] if last else values[7:]
+    assert max(row_residuals(kept, rest, fit)) < 1e-12  # the sine of 600 rad
 
 
 @pytest.mark.parametrize("ratio", [0.3, 0.7, 1.6, 5.0])
