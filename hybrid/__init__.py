@@ -1,6 +1,7 @@
 """Hybrid: an emulated hybrid analog-digital computer.
 
-read_patch(file) -> Patch; run, predict, sweep, check take a Patch and parameters in SI units.
+read_patch(file) -> Patch; run, predict, sweep, check take a Patch, or the file or shipped name of one,
+and parameters as SI numbers or texts with units.
 Everything is imported when first used, so that the command line starts quickly.
 """
 
@@ -35,6 +36,10 @@ _HOMES = {
 }
 
 __all__ = sorted(_HOMES)
+
+
+def __dir__() -> list[str]:
+    return sorted({*globals(), *__all__})
 
 
 def __getattr__(name: str) -> Any:

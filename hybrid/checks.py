@@ -7,20 +7,22 @@ loops, and which prediction applies. Compiling the patch is itself the full vali
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
 from dataclasses import asdict, dataclass
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from hybrid import coupling
-from hybrid.compiler import compile_patch
+from hybrid.arguments import Parameters, Source, machine_of
 from hybrid.components import CATALOG
 from hybrid.graph import simple_loops
 from hybrid.linearity import NotLinear
 from hybrid.machine import Machine
-from hybrid.patch import Patch
 from hybrid.prediction import Case, closed_form_case, signal_graph
-from hybrid.record import full_scales, signal_units
+from hybrid.record import full_scales, machine_facts, signal_units
+from hybrid.runs import check_windows
 from hybrid.timeline import build_timeline
+
+if TYPE_CHECKING:
+    import pandas as pd
 
 MOST_LOOPS = 50
 
@@ -52,6 +54,27 @@ class PotRow:
 
 
 @dataclass(frozen=True, slots=True)
+class ConverterRow:
+    """One ADC or DAC: what it converts, its word length as patched (None: none given), its range and,
+    where this machine quantises, its step, both in `units`."""
+
+    converter: str
+    kind: str  # 'adc' or 'dac'
+    converts: str
+    bits: int | None
+    range: float
+    step: float | None
+    units: str
+
+    @property
+    def remark(self) -> str:
+        """What this machine makes of the word length."""
+        if self.step is not None:
+            return "quantises and clips"
+        return "exact" if self.bits is None else "exact: this machine ignores bits"
+
+
+@dataclass(frozen=True, slots=True)
 class Loop:
     """A loop of signals with the sum of the lags around it; `sampled` where it passes the program."""
 
@@ -62,11 +85,12 @@ class Loop:
 
 @dataclass(frozen=True, eq=False)
 class Check:
-    """The findings of a check."""
+    """The findings: scaling and static check, potentiometers, converters, loops, prediction."""
 
     machine: Machine
     scaling: tuple[ScaleRow, ...]
     pots: tuple[PotRow, ...]
+    converters: tuple[ConverterRow, ...]
     loops: tuple[Loop, ...]
     prediction: str
     events: str
@@ -74,32 +98,57 @@ class Check:
     def to_dict(self) -> dict[str, Any]:
         """Everything as plain data."""
         return {
-            "patch": self.machine.patch.file,
-            "title": self.machine.patch.title,
-            "machine": self.machine.preset,
+            **machine_facts(self.machine),
             "scaling": [asdict(row) for row in self.scaling],
             "potentiometers": [asdict(row) for row in self.pots],
+            "converters": [{**asdict(row), "remark": row.remark} for row in self.converters],
             "loops": [asdict(loop) for loop in self.loops],
             "prediction": self.prediction,
             "events": self.events,
         }
 
+    def to_pandas(self) -> pd.DataFrame:
+        """The scaling table and static check, one row a signal."""
+        import pandas as pd
+
+        return pd.DataFrame([asdict(row) for row in self.scaling]).set_index("signal")
+
+    def __repr__(self) -> str:
+        lines = [
+            f"<Check {self.machine.patch.title!r} on {self.machine.preset!r}: valid, {self.events}>"
+        ]
+        lines += [
+            f"  {row.signal} ({row.kind}): full scale {row.full_scale:.6g} {row.units}".rstrip()
+            + f"; {row.value:.6g} {row.units}".rstrip()
+            + " at t = 0"
+            for row in self.scaling
+        ]
+        lines += [f"  {row.converter} ({row.kind}): {row.remark}" for row in self.converters]
+        lines += [f"  loop: {' -> '.join(loop.path)}" for loop in self.loops]
+        return "\n".join([*lines, f"  prediction: {self.prediction}"])
+
 
 def check(
-    patch: Patch,
-    parameters: Mapping[str, float] | None = None,
+    patch: Source | Machine,
+    parameters: Parameters | None = None,
     *,
     machine: str | None = None,
     serial: int | None = None,
 ) -> Check:
-    """Compile the patch and report what an operator checks; raises PatchError for what is wrong."""
-    compiled = compile_patch(patch, parameters, machine, serial)
+    """Compile the patch and report what an operator checks.
+
+    Args: patch: a patch, the file or shipped name of one, or a compiled machine; parameters: SI
+    numbers or texts with units. Raises PatchError and RunError for what is wrong.
+    """
+    compiled = machine_of(patch, parameters, machine, serial)
+    check_windows(compiled)
     timeline = build_timeline(compiled)
     events = f"{timeline.cycles} cycles, {timeline.rows} rows of the record"
     return Check(
         compiled,
         _scaling(compiled),
         _pots(compiled),
+        _converters(compiled),
         _loops(compiled),
         _which_prediction(compiled),
         events,
@@ -157,6 +206,30 @@ def _pot(component: str, name: str, value: float) -> PotRow:
     power = max(0, math.ceil(math.log10(size) - 1e-12)) if size > 0 else 0
     gain: int = 10**power
     return PotRow(component, name, value, size / gain, gain, value < 0)
+
+
+def _converters(machine: Machine) -> tuple[ConverterRow, ...]:
+    units, scales = signal_units(machine), full_scales(machine)
+    bits = {adc.name: adc.bits for adc in machine.patch.adcs}
+    bits |= {dac.name: dac.bits for dac in machine.patch.dacs}
+    signals, words = machine.analog.signals, machine.tape.words
+    rows = [
+        (s.name, "adc", signals[s.signal], s.step_mu / s.range_mu, s.clips)
+        for s in machine.samplers
+    ]
+    rows += [(h.name, "dac", words[h.word], h.step_mu, h.clips) for h in machine.holders]
+    return tuple(
+        ConverterRow(
+            name,
+            kind,
+            converts,
+            bits[name],
+            scales[name],
+            step * scales[name] if step or clips else None,
+            units[name][0],
+        )
+        for name, kind, converts, step, clips in rows
+    )
 
 
 def _loops(machine: Machine) -> tuple[Loop, ...]:

@@ -59,6 +59,19 @@ def did_you_mean(name: str, valid: Iterable[str]) -> str:
     return f"valid: {shown}"
 
 
+def one_line(text: str) -> str:
+    """Text in one line that can be printed, whatever a file name brings into it."""
+    return "".join(letter if letter.isprintable() else " " for letter in text)
+
+
+def shown(value: object) -> str:
+    """Whatever was handed over instead, for a one-line message: cut where long."""
+    if isinstance(value, str):
+        return quoted(value)
+    text = one_line(" ".join(repr(value).split()))
+    return text if len(text) <= LONGEST_QUOTE else text[: LONGEST_QUOTE - 3] + "..."
+
+
 def quoted(text: str) -> str:
     """Text of a user's for a one-line message: quoted, control characters escaped, cut where long."""
     shown = text if len(text) <= LONGEST_QUOTE else text[: LONGEST_QUOTE - 3] + "..."

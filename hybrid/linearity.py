@@ -10,13 +10,18 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
-from hybrid.errors import RunError
+from hybrid.errors import NOWHERE, Place, RunError
 from hybrid.machine import Floats
 from hybrid.tape import Op, Tape
 
 
 class NotLinear(RunError):
-    """The patch has no exact linear prediction; the text says which part is not linear."""
+    """The patch has no exact linear prediction; the text says which part is not linear, and where."""
+
+    def __init__(self, message: str, place: Place = NOWHERE) -> None:
+        """Args: message (one line), place of the statement (shown before it where known)."""
+        self.place = place
+        super().__init__(f"{place}: {message}" if str(place) else message)
 
 
 @dataclass(frozen=True, eq=False)
@@ -54,15 +59,20 @@ def linear_program(tape: Tape, adcs: int) -> LinearProgram:
         forms[register] = np.eye(width)[adcs + column]
     for (op, target, a, b), owner in zip(tape.code.tolist(), tape.owner, strict=True):
         with np.errstate(over="ignore", invalid="ignore"):
-            forms[target] = _linear_operation(op, forms[a], forms[b], tape.words[owner])
-        if not np.all(np.isfinite(forms[target])):
-            raise NotLinear(f"word {tape.words[owner]!r} has a coefficient that is not finite")
+            form = _linear_operation(op, forms[a], forms[b])
+        word, place = tape.words[owner], tape.places[owner]
+        if form is None:
+            raise NotLinear(f"word {word!r} is not linear in what the program reads", place)
+        if not np.all(np.isfinite(form)):
+            raise NotLinear(f"word {word!r} has a coefficient that is not finite", place)
+        forms[target] = form
     word_of = {register: i for i, register in enumerate(tape.word_registers.tolist())}
     memory = np.array([word_of[r] for r in tape.memory[:, 1].tolist()], dtype=np.int64)
     return LinearProgram(forms[tape.word_registers], adcs, memory)
 
 
-def _linear_operation(op: int, a: Floats, b: Floats, word: str) -> Floats:
+def _linear_operation(op: int, a: Floats, b: Floats) -> Floats | None:
+    """The form that an operation gives; None where it is not linear."""
     constant_a, constant_b = not np.any(a[:-1]), not np.any(b[:-1])
     if op == Op.COPY:
         return a
@@ -80,4 +90,4 @@ def _linear_operation(op: int, a: Floats, b: Floats, word: str) -> Floats:
         return quotient
     if op == Op.POW and constant_b and b[-1] == 1.0:
         return a
-    raise NotLinear(f"word {word!r} is not linear in what the program reads")
+    return None

@@ -7,16 +7,17 @@ modes of `coupling`.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from dataclasses import asdict, dataclass
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from hybrid import coupling, theory
+from hybrid.arguments import Parameters, Source, finite_number, machine_of
 from hybrid.compiler import compile_patch
 from hybrid.coupling import Mode
-from hybrid.errors import HybridError, RunError
+from hybrid.errors import HybridError, RunError, shown
 from hybrid.expressions import names, previous_names
 from hybrid.graph import simple_loops
 from hybrid.linearity import linear_program
@@ -83,8 +84,8 @@ class Prediction:
 
 
 def predict(
-    patch: Patch,
-    parameters: Mapping[str, float] | None = None,
+    patch: Source | Machine,
+    parameters: Parameters | None = None,
     *,
     machine: str | None = None,
     serial: int | None = None,
@@ -92,12 +93,22 @@ def predict(
 ) -> Prediction:
     """Exact modes of the patch, with the closed forms beside them; nothing is run.
 
-    Args: parameters in SI units; max_damping_error: also find the largest cycle time whose modes all
+    Args: patch: a patch, the file or shipped name of one, or a compiled machine; parameters: SI
+    numbers or texts with units; max_damping_error: also find the largest cycle time whose modes all
     keep their damping ratio within this of the ideal one. Raises PatchError, RunError, and NotLinear
     where the program is not linear.
     """
-    compiled = compile_patch(patch, parameters, machine, serial)
-    return predict_machine(compiled, max_damping_error)
+    if max_damping_error is not None:
+        max_damping_error = damping_error_of(max_damping_error)
+    return predict_machine(machine_of(patch, parameters, machine, serial), max_damping_error)
+
+
+def damping_error_of(value: float) -> float:
+    """A permitted error of the damping ratio; raises RunError for what is none."""
+    error = finite_number(value)
+    if error is None or error <= 0:
+        raise RunError(f"the damping-ratio error must be a number above 0, not {shown(value)}")
+    return error
 
 
 def predict_machine(machine: Machine, max_damping_error: float | None = None) -> Prediction:
@@ -217,8 +228,7 @@ def largest_cycle_s(machine: Machine, max_damping_error: float) -> float | None:
     patch has no digital machine or no ideal oscillation to compare with, or where lags alone exceed
     the error.
     """
-    if not (math.isfinite(max_damping_error) and max_damping_error > 0):
-        raise RunError(f"the damping-ratio error must be above 0, not {max_damping_error:g}")
+    max_damping_error = damping_error_of(max_damping_error)
     if not machine.timing.period:
         raise RunError("the patch has no digital machine, so no cycle time to find")
     error = _damping_error(machine)
@@ -228,8 +238,8 @@ def largest_cycle_s(machine: Machine, max_damping_error: float) -> float | None:
     shortest, longest, step = _shortest_cycle_s(machine, 1e-6 / fastest), math.pi / fastest, 1.2
     if error(shortest) > max_damping_error:
         raise RunError(
-            f"even at T = {shortest:.3g} s the damping-ratio error is {error(shortest):.3g}: lags, "
-            "gain errors, and compute and conversion times in seconds alone exceed it"
+            f"even at T = {shortest:.3g} s the damping-ratio error is {error(shortest):.3g}"
+            f"{_why_not_less(machine, shortest, fastest)}"
         )
     low = shortest
     while error(low * step) <= max_damping_error:
@@ -243,6 +253,17 @@ def largest_cycle_s(machine: Machine, max_damping_error: float) -> float | None:
         if middle in (low, high) and high / low - 1.0 < 4e-16:
             break
     return low
+
+
+def _why_not_less(machine: Machine, shortest_s: float, fastest: float) -> str:
+    """What keeps the damping-ratio error of the shortest cycle from vanishing."""
+    stages = machine.stages.values()
+    if (
+        any(stage.tau > 0 or stage.gain != 1.0 for stage in stages)
+        or shortest_s * fastest > 1.001e-6
+    ):
+        return ": lags, gain errors, and compute and conversion times in seconds alone exceed it"
+    return "; of a still shorter one rounding would hide it, so ask for a larger error"
 
 
 def _shortest_cycle_s(machine: Machine, period_s: float) -> float:

@@ -18,6 +18,7 @@ import numpy as np
 
 from hybrid.errors import RunError
 from hybrid.machine import Floats, Machine, Pen
+from hybrid.patch import Patch
 from hybrid.version import __version__
 
 if TYPE_CHECKING:
@@ -78,6 +79,18 @@ def parameter_texts(machine: Machine) -> dict[str, str]:
     return texts
 
 
+def machine_facts(machine: Machine) -> dict[str, Any]:
+    """What every answer says first: which patch, on which machine, with which parameters."""
+    return {
+        "patch": machine.patch.file,
+        "title": machine.patch.title,
+        "machine": machine.preset,
+        "serial": machine.serial,
+        "cycle_s": machine.cycle_s,
+        "parameters": parameter_texts(machine),
+    }
+
+
 Parts = tuple[dict[str, Any], dict[str, Any], dict[str, Any]]
 
 
@@ -129,26 +142,33 @@ def record_parts(
     attributes = {
         "title": patch.title,
         "patch": patch.file,
-        "patch_hash": hashlib.sha256(patch.text.encode()).hexdigest(),
+        "patch_hash": patch_hash(patch),
         "machine": machine.preset,
         "serial": machine.serial,
         "cycle_s": machine.cycle_s,
         "parameters": json.dumps(parameter_texts(machine)),
-        "versions": json.dumps(_versions()),
+        "versions": versions_text(),
         **facts,
     }
     return variables, {"time": ("time", time_s, {"units": "s"})}, attributes
 
 
-def _versions() -> dict[str, str]:
+def patch_hash(patch: Patch) -> str:
+    """SHA-256 of the patch's text."""
+    return hashlib.sha256(patch.text.encode()).hexdigest()
+
+
+def versions_text() -> str:
+    """Versions of what computed a result, as JSON."""
     from numba import __version__ as numba_version
 
-    return {
+    versions = {
         "hybrid": __version__,
         "numpy": np.__version__,
         "numba": numba_version,
         "python": platform.python_version(),
     }
+    return json.dumps(versions)
 
 
 def write_parts(parts: Parts, path: Path) -> None:

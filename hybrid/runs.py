@@ -7,20 +7,20 @@ from __future__ import annotations
 
 import json
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from hybrid.compiler import compile_patch
+from hybrid.arguments import Parameters, Source, machine_of, whole_number
 from hybrid.coupling import modes
 from hybrid.engine import kernel
 from hybrid.engine.linear import DAC_SUFFIX, Overload, Player
-from hybrid.errors import RunError
+from hybrid.errors import PatchError
 from hybrid.linearity import NotLinear
 from hybrid.machine import Floats, Machine, Pen
-from hybrid.patch import Patch, Readout
+from hybrid.patch import Readout
 from hybrid.readout import FEWEST_ROWS_PER_CYCLE, READOUTS
 from hybrid.record import Parts, full_scales, pens_for, record_parts, signal_units
 from hybrid.scale import to_seconds
@@ -82,19 +82,31 @@ class Run:
         ]
         lines += [f"  {self.status_note}"] * bool(self.status_note)
         for name, quantities in self.readouts.items():
-            shown = ", ".join(
-                f"{k} {v:.9g}" if isinstance(v, float) else f"{k}: {v}"
-                for k, v in quantities.items()
-                if v not in (None, "") and not k.endswith("_error")
-            )
-            lines.append(f"  {name}: {shown}")
+            lines.append(f"  {name}: {readout_text(quantities)}")
         lines += [f"  overload: {o['signal']} at {o['time_s']:.6g} s" for o in self.overloads]
         return "\n".join(lines)
 
 
+def readout_text(quantities: Mapping[str, Any]) -> str:
+    """A readout's figures in one line, each in its unit; what it does not know is left out."""
+    own = str(quantities.get("units", ""))
+    units = {"value": own, "amplitude": own, "offset": own, "time_s": "s"}
+    units |= {"omega": "rad/s", "omega_damped": "rad/s"}
+    figures = []
+    for name, figure in quantities.items():
+        if figure in (None, "") or name == "units" or name.endswith("_error"):
+            continue
+        if isinstance(figure, float):
+            label = "time" if name == "time_s" else name
+            figures.append(f"{label} {figure:.9g} {units.get(name, '')}".strip())
+        else:
+            figures.append(f"{name}: {figure}")
+    return ", ".join(figures)
+
+
 def run(
-    patch: Patch | Machine,
-    parameters: Mapping[str, float] | None = None,
+    patch: Source | Machine,
+    parameters: Parameters | None = None,
     *,
     machine: str | None = None,
     seed: int = 0,
@@ -102,17 +114,17 @@ def run(
     progress: Progress | None = None,
     readouts_only: bool = False,
 ) -> Run:
-    """Run a patch (or a compiled machine) from t = 0 to its end.
+    """Run a patch from t = 0 to its end.
 
-    Args: parameters in SI units; machine: preset name; seed for the noise; serial: which machine of
-    the make; progress: called with the fraction done; readouts_only: record only what the readouts
-    need. A KeyboardInterrupt ends the run early and returns what was played. Raises PatchError and
-    RunError for the mistakes of the user.
+    Args: patch: a patch, the file or shipped name of one, or a compiled machine; parameters: SI
+    numbers or texts with units ('2 ms'); machine: preset name; seed for the noise; serial: which
+    machine of the make; progress: called with the fraction done; readouts_only: record only what the
+    readouts need. A KeyboardInterrupt ends the run early and returns what was played. Raises
+    PatchError and RunError for the mistakes of the user.
     """
-    check_seed(seed)
-    compiled = (
-        patch if isinstance(patch, Machine) else compile_patch(patch, parameters, machine, serial)
-    )
+    seed = check_seed(seed)
+    compiled = machine_of(patch, parameters, machine, serial)
+    check_windows(compiled)
     timeline = build_timeline(compiled)
     most = compiled.patch.run.max_rows
     keep_every = -(-timeline.rows // most)
@@ -134,14 +146,32 @@ def run(
         player.record,
         _overloads(compiled, player.overloads()),
     )
-    result.readouts.update(_read_out(result, every_s))
+    try:
+        result.readouts.update(_read_out(result, every_s))
+    except KeyboardInterrupt:
+        note = (
+            "interrupted while the readouts were measured; the record goes on to where the run did"
+        )
+        return replace(result, status="interrupted", status_note=note)
     return result
 
 
-def check_seed(seed: int) -> None:
-    """Raise RunError for a seed that is none."""
-    if not 0 <= seed <= LARGEST_SEED:
-        raise RunError(f"seed is {seed}; it must be a whole number from 0 to 2^63 - 1")
+def check_seed(seed: int) -> int:
+    """The seed as an int; raises RunError for one that is none."""
+    return whole_number("seed", seed, 0, LARGEST_SEED)
+
+
+def check_windows(machine: Machine) -> None:
+    """Raise PatchError for a readout that these parameters make end before it begins."""
+    scope = machine.parameters
+    for readout in machine.patch.readouts:
+        if readout.start and readout.end:
+            start_s, end_s = readout.start.number(scope), readout.end.number(scope)
+            if start_s >= end_s:
+                raise PatchError(
+                    f"{readout.start.what} is {start_s:g} s, not before its until, {end_s:g} s",
+                    readout.start.place,
+                )
 
 
 def _play(player: Player, progress: Progress | None) -> tuple[str, str]:
@@ -163,10 +193,16 @@ def _play(player: Player, progress: Progress | None) -> tuple[str, str]:
             if not np.isfinite(v)
         ]
         return "stopped", (
-            f"stopped at {player.done_s:.6g} s: the program computed no finite number for "
+            f"stopped {_cycle_text(player)}: the program computed no finite number for "
             f"{', '.join(words)} (a division by zero, or a root or logarithm of a negative number)"
         )
     return "complete", ""
+
+
+def _cycle_text(player: Player) -> str:
+    """The digital cycle that a run stands in, counted from 1."""
+    cycle = player.done_ticks // player.machine.timing.period + 1
+    return f"in cycle {cycle}, at {player.done_s:.6g} s"
 
 
 def _ordinal(number: int) -> str:
@@ -200,22 +236,37 @@ def _overloads(machine: Machine, found: tuple[Overload, ...]) -> tuple[dict[str,
 
 
 def _read_out(result: Run, interval_s: float) -> dict[str, dict[str, Any]]:
-    scope = result.machine.parameters
+    scope, units = result.machine.parameters, signal_units(result.machine)
     columns = {pen.name: i for i, pen in enumerate(result.pens)}
     found = {}
     for readout in result.machine.patch.readouts:
         first, last = _window(readout, scope, result)
         values = np.ascontiguousarray(result.rows[first:last, columns[readout.signal]])
         sparse = _too_sparse(result.machine, interval_s) if readout.kind == "transient" else ""
+        late = _too_late(readout, result)
         try:
-            if sparse:
-                raise ValueError(sparse)
+            if late or sparse:
+                raise ValueError(late or sparse)
             quantities = READOUTS[readout.kind](result.time_s[first:last], values)
         except ValueError as reason:
-            quantities = {"omega": None, "omega_damped": None, "zeta": None} if sparse else {}
+            none = ("omega", "omega_damped", "zeta") if readout.kind == "transient" else ()
+            quantities = dict.fromkeys(none)
             quantities["reason"] = str(reason)
-        found[readout.name] = {**quantities, "note": _overload_note(readout, result, last)}
+        note = _overload_note(readout, result, last)
+        found[readout.name] = {**quantities, "units": units[readout.signal][0], "note": note}
     return found
+
+
+def _too_late(readout: Readout, result: Run) -> str:
+    """Why a readout that begins after the record's end has no rows; '' where it has."""
+    start_s = readout.start.number(result.machine.parameters) if readout.start else 0.0
+    last_s = float(result.time_s[-1]) if len(result.time_s) else 0.0
+    if not readout.start or start_s <= last_s:
+        return ""
+    place = f"{readout.start.place}: " if str(readout.start.place) else ""
+    return (
+        f"{place}{readout.start.what} is {start_s:g} s, after the end of the record at {last_s:g} s"
+    )
 
 
 def _too_sparse(machine: Machine, interval_s: float) -> str:

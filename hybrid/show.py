@@ -12,12 +12,14 @@ from rich.table import Table
 
 from hybrid.checks import Check
 from hybrid.prediction import Prediction
-from hybrid.runs import Run
+from hybrid.runs import Run, readout_text
 from hybrid.sweeps import Sweep
 
 TRANSIENT = ("omega", "omega_damped", "zeta")
 MOST_SWEEP_ROWS = 12
 MOST_OVERLOADS = 10
+WIDEST = 100_000  # letters
+NARROWEST_WRAP = 60
 
 
 def figure(value: Any, digits: int = 9) -> str:
@@ -27,20 +29,36 @@ def figure(value: Any, digits: int = 9) -> str:
     return f"{value + 0.0:.{digits}g}" if isinstance(value, float) else str(value)
 
 
-def table(
-    title: str, columns: Sequence[str], rows: Iterable[Sequence[str]], wrap: bool = False
-) -> Table:
-    """A plain table, first column to the left (`wrap`: over several lines), figures to the right."""
+def show_table(
+    console: Console,
+    title: str,
+    columns: Sequence[str],
+    rows: Iterable[Sequence[str]],
+    *,
+    texts: int = 1,
+    wrap: bool = False,
+    style: str = "",
+) -> None:
+    """A plain table: the first `texts` columns to the left, figures to the right.
+
+    A table wider than the terminal keeps its width, and the terminal breaks its lines: a figure that
+    is cut off would be a wrong figure. `wrap`: the first column takes several lines instead.
+    """
     made = Table(
         title=escape(title), title_justify="left", title_style="bold", box=None, pad_edge=False
     )
     for i, column in enumerate(columns):
         made.add_column(
-            escape(column), justify="left" if i == 0 else "right", no_wrap=not wrap or i > 0
+            escape(column), justify="left" if i < texts else "right", no_wrap=not wrap or i > 0
         )
     for row in rows:
         made.add_row(*(escape(cell) for cell in row))
-    return made
+    own_width = console.width
+    anything = console.options.update_width(WIDEST)
+    needed = NARROWEST_WRAP if wrap else console.measure(made, options=anything).maximum
+    console.width = max(own_width, needed)
+    console.print(made, style=style)
+    console.width = own_width
 
 
 def show_run(
@@ -90,12 +108,12 @@ def _show_readout(
             ideal = {"omega": "omega_ideal", "zeta": "zeta_ideal"}.get(quantity, "")
             row.append(figure(mode.get(ideal) if mode else None, 6))
             rows.append(row)
-        console.print(table("", columns, rows))
+        show_table(console, "", columns, rows)
         if closed and closed.get("note"):
             console.print(f"Eq. {closed['equation']}: {escape(closed['note'])}", style="dim")
     else:
-        shown = ", ".join(f"{k} {figure(v)}" for k, v in quantities.items() if v not in (None, ""))
-        console.print(f"[bold]{escape(name)}[/]: {escape(shown)}")
+        figures = {k: v for k, v in quantities.items() if k != "note"}
+        console.print(f"[bold]{escape(name)}[/]: {escape(readout_text(figures))}")
     if quantities.get("note"):
         console.print(escape(str(quantities["note"])), style="yellow")
 
@@ -131,7 +149,7 @@ def _show_overloads(console: Console, overloads: Sequence[Mapping[str, Any]]) ->
     ]
     console.print()
     columns = ("overload", "first at s", "worst", "at s", "full scale")
-    console.print(table("", columns, rows), style="red")
+    show_table(console, "", columns, rows, style="red")
     if len(overloads) > MOST_OVERLOADS:
         console.print(f"and {len(overloads) - MOST_OVERLOADS} more")
 
@@ -150,7 +168,7 @@ def show_prediction(console: Console, prediction: Prediction) -> None:
                 row.append(figure(closed.get(quantity), 10))
             row.append(figure(mode.get(quantity + "_ideal"), 6))
             rows.append(row)
-        console.print(table("", columns, rows))
+        show_table(console, "", columns, rows)
         if closed and closed.get("note"):
             console.print(f"Eq. {closed['equation']}: {escape(closed['note'])}", style="dim")
     if not prediction.modes:
@@ -169,9 +187,10 @@ def show_sweep(console: Console, sweep: Sweep, files: Sequence[str]) -> None:
     data = sweep.dataset
     readouts = data["readout"].values.tolist()
     unit = data[sweep.parameter].attrs["units"]
-    step = max(1, -(-len(sweep.points) // MOST_SWEEP_ROWS))
+    scalars = [str(n) for n in data.data_vars if str(n).startswith("value_")]
+    overloads = any(p.overloads for p in sweep.points)
     rows = []
-    for i in range(0, len(sweep.points), step):
+    for i in some_rows(len(sweep.points), MOST_SWEEP_ROWS):
         row = [figure(float(data[sweep.parameter].values[i]), 6)]
         for j in range(len(readouts)):
             row += [figure(float(data["measured_zeta"].values[i, j]))]
@@ -179,16 +198,27 @@ def show_sweep(console: Console, sweep: Sweep, files: Sequence[str]) -> None:
         for k in range(data.sizes["mode"]):
             row += [figure(float(data["predicted_zeta"].values[i, k]))]
             row += [figure(float(data["predicted_omega"].values[i, k]))]
+        row += [figure(float(data[name].values[i])) for name in scalars]
+        row += [str(sweep.points[i].overloads)] if overloads else []
         rows.append(row)
     columns = [f"{sweep.parameter} {unit}".strip()]
     columns += [f"{name} {q}" for name in readouts for q in ("zeta", "omega")]
     columns += [f"predicted {q}" for _ in range(data.sizes["mode"]) for q in ("zeta", "omega")]
-    console.print(table("", columns, rows))
-    notes = [p.note for p in sweep.points if p.note]
+    columns += [f"{n.removeprefix('value_')} {data[n].attrs['units']}".strip() for n in scalars]
+    columns += ["overloads"] if overloads else []
+    show_table(console, "", columns, rows)
+    notes = [p.remarks for p in sweep.points if p.remarks]
     if notes:
-        console.print(f"{len(notes)} points with a note, the first: {escape(notes[0])}")
+        points = f"{len(notes)} point{'s' if len(notes) > 1 else ''} with a note"
+        console.print(f"{points}, the first: {escape(notes[0])}")
     for file in files:
         console.print(f"wrote {escape(file)}", soft_wrap=True)
+
+
+def some_rows(count: int, most: int) -> list[int]:
+    """Evenly spread rows out of `count`, about `most` of them, the last one always among them."""
+    step = max(1, -(-count // most))
+    return sorted({*range(0, count, step), count - 1}) if count else []
 
 
 def show_check(console: Console, check: Check) -> None:
@@ -208,7 +238,7 @@ def show_check(console: Console, check: Check) -> None:
         for r in check.scaling
     ]
     columns = ("signal", "kind", "full scale", "at t = 0", "machine units", "rate 1/s")
-    console.print(table("Scaling and static check", columns, rows))
+    show_table(console, "Scaling and static check", columns, rows, texts=2)
     settings = [
         (
             p.component,
@@ -220,17 +250,37 @@ def show_check(console: Console, check: Check) -> None:
         for p in check.pots
     ]
     headings = ("component", "input", "setting", "gain", "coefficient")
-    console.print(table("Potentiometers", headings, settings))
+    show_table(console, "Potentiometers", headings, settings, texts=2)
+    _show_converters(console, check)
     loops = [
         (" -> ".join(loop.path), figure(loop.lag_s, 4), "sampled" if loop.sampled else "analog")
         for loop in check.loops
     ]
     if loops:
-        console.print(table("Loops", ("path", "sum of lags s", ""), loops, wrap=True))
+        show_table(console, "Loops", ("path", "sum of lags s", ""), loops, wrap=True)
     console.print(f"Prediction: {escape(check.prediction)}")
+
+
+def _show_converters(console: Console, check: Check) -> None:
+    if not check.converters:
+        return
+    rows = [
+        (
+            row.converter,
+            row.kind,
+            row.converts,
+            str(row.bits or "-"),
+            f"{figure(row.range, 6)} {row.units}".strip(),
+            "-" if row.step is None else figure(row.step, 4),
+            row.remark,
+        )
+        for row in check.converters
+    ]
+    columns = ("converter", "", "converts", "bits", "range", "step", "on this machine")
+    show_table(console, "Converters", columns, rows, texts=3)
 
 
 def show_list(console: Console, titles: Mapping[str, tuple[str, str]]) -> None:
     """Shipped patches: name, title, file."""
     rows = [(name, title, path) for name, (title, path) in titles.items()]
-    console.print(table("Patches that ship", ("name", "title", "file"), rows), soft_wrap=True)
+    show_table(console, "Patches that ship", ("name", "title", "file"), rows, texts=3)

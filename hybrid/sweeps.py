@@ -6,10 +6,11 @@ replayed alone. An interrupted sweep keeps the points that are done.
 
 from __future__ import annotations
 
+import json
 import math
 import signal
 import threading
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass
 from functools import cached_property
 from typing import TYPE_CHECKING, Any
@@ -17,11 +18,25 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import numpy.typing as npt
 
+from hybrid.arguments import (
+    Parameters,
+    Source,
+    check_parameter,
+    machine_of,
+    parameter_of,
+    parameters_of,
+    patch_of,
+    preset_of,
+    serial_of,
+    whole_number,
+)
 from hybrid.compiler import compile_patch
-from hybrid.errors import HybridError, PatchError, Place, RunError, did_you_mean, quoted
+from hybrid.errors import HybridError, RunError, quoted, shown
+from hybrid.expressions import names
 from hybrid.machine import Machine
-from hybrid.patch import Patch
+from hybrid.patch import Patch, Readout
 from hybrid.prediction import predict_machine
+from hybrid.record import parameter_texts, patch_hash, signal_units, versions_text
 from hybrid.runs import check_seed, run
 from hybrid.streams import stream
 
@@ -37,6 +52,7 @@ FEWEST_FOR_WORKERS = 40
 MOST_JOBS = 1000
 
 MEASURED = ("omega", "omega_damped", "zeta", "omega_error", "omega_damped_error", "zeta_error")
+TIMED = ("final", "maximum", "minimum")  # readouts that give a time with their value
 PREDICTED = ("omega", "omega_damped", "zeta", "omega_ideal", "zeta_ideal")
 CLOSED = ("omega", "zeta")
 # Names in the result of a sweep, which the swept parameter joins.
@@ -60,18 +76,50 @@ class Point:
     overloads: int
     seed: int
 
+    @property
+    def has_result(self) -> bool:
+        """Whether all of the point's readouts have figures (of a patch without any: it was run)."""
+        reasons = [quantities.get("reason") for quantities in self.measured.values()]
+        return self.status != "failed" and not any(reasons)
+
+    @property
+    def remarks(self) -> str:
+        """The note, and why readouts have no figures."""
+        reasons = [f"{n}: {q['reason']}" for n, q in self.measured.items() if q.get("reason")]
+        return "; ".join(dict.fromkeys(text for text in (self.note, *reasons) if text))
+
 
 @dataclass(frozen=True, eq=False)
 class Sweep:
-    """Points by value; `dataset` is an xarray.Dataset over (value, readout, mode)."""
+    """Points by value; `dataset` is an xarray.Dataset over (value, readout, mode).
+
+    `first` is the machine of the first value: its preset, serial number and units are those of all.
+    """
 
     patch: Patch
     parameter: str
     values: npt.NDArray[np.float64]  # SI
     points: tuple[Point, ...]  # those done, in order of value index
-    machine: str
+    first: Machine
     seed: int
     status: str  # 'complete' or 'interrupted'
+
+    @property
+    def machine(self) -> str:
+        """Name of the preset."""
+        return self.first.preset
+
+    @property
+    def parameters(self) -> dict[str, str]:
+        """The parameters that all points share, as texts; those that follow the swept one are not."""
+        follow = {self.parameter}
+        for name in self.patch.parameter_order:
+            if (
+                name not in self.first.overrides
+                and names(self.patch.parameters[name].value.expr) & follow
+            ):
+                follow.add(name)
+        return {k: v for k, v in parameter_texts(self.first).items() if k not in follow}
 
     @cached_property
     def dataset(self) -> xr.Dataset:
@@ -83,10 +131,15 @@ class Sweep:
         return self.dataset.to_dataframe()
 
     def __repr__(self) -> str:
-        failed = sum(p.status != "complete" for p in self.points)
+        counts = {
+            "without a result": sum(not p.has_result for p in self.points),
+            "stopped early": sum(p.status == "stopped" for p in self.points),
+            "with overloads": sum(p.overloads > 0 for p in self.points),
+        }
+        told = "".join(f"{n} {what}, " for what, n in counts.items() if n or "result" in what)
         return (
-            f"<Sweep {self.patch.title!r} over {self.parameter}: {len(self.points)} of "
-            f"{len(self.values)} points, {failed} without a result, {self.status}>"
+            f"<Sweep {self.patch.title!r} over {self.parameter} on {self.machine!r}: "
+            f"{len(self.points)} of {len(self.values)} points, {told}{self.status}>"
         )
 
 
@@ -122,28 +175,40 @@ def check_sweep(
     jobs: int | None = None,
 ) -> Machine:
     """Raise PatchError or RunError for what would stop every point; gives the first one's machine."""
-    if over not in patch.parameters:
-        hint = did_you_mean(over, patch.parameters)
-        raise PatchError(f"no parameter {quoted(over)} to sweep; {hint}", Place(patch.file))
+    check_parameter(patch, over)
     if over in parameters:
         raise RunError(f"{over} is both set and swept; leave out one of them")
-    if over in VARIABLES:
+    scalars = {name for r in patch.readouts for name in _scalar_names(r)}
+    if over in VARIABLES | scalars:
         raise RunError(
             f"the parameter {over} cannot be swept: the result has a variable of that name; "
             "rename the parameter"
         )
-    if values.ndim != 1 or not len(values) or not np.all(np.isfinite(values)):
+    if jobs is not None:
+        whole_number("jobs", jobs, 1, MOST_JOBS)
+    return machine_of(patch, {**parameters, over: float(values[0])}, machine, serial)
+
+
+def values_of(
+    patch: Patch, over: str, values: str | Iterable[float | str]
+) -> npt.NDArray[np.float64]:
+    """The values of a sweep in SI, from numbers, texts with units, or one text 'START:STOP:COUNT'."""
+    check_parameter(patch, over)
+    if isinstance(values, str):
+        return parse_range(values, lambda end: parameter_of(patch, over, end))
+    if getattr(values, "ndim", 1) != 1 or not isinstance(values, Iterable):
+        raise RunError(f"the values of a sweep are a list of numbers, not {shown(values)}")
+    found = [parameter_of(patch, over, value) for value in values]
+    if not found:
         raise RunError("the values of a sweep are a list of at least one finite number")
-    if jobs is not None and not 1 <= jobs <= MOST_JOBS:
-        raise RunError(f"jobs is {jobs}; it must be a whole number from 1 to {MOST_JOBS}")
-    return compile_patch(patch, {**parameters, over: float(values[0])}, machine, serial)
+    return np.array(found, dtype=np.float64)
 
 
 def sweep(
-    patch: Patch,
+    patch: Source,
     over: str,
-    values: Sequence[float] | npt.NDArray[np.float64],
-    parameters: Mapping[str, float] | None = None,
+    values: str | Iterable[float | str],
+    parameters: Parameters | None = None,
     *,
     machine: str | None = None,
     seed: int = 0,
@@ -151,17 +216,18 @@ def sweep(
     jobs: int | None = None,
     progress: Callable[[float], None] | None = None,
 ) -> Sweep:
-    """Run and predict the patch for each of `values` (SI) of parameter `over`.
+    """Run and predict the patch for each of `values` of parameter `over`.
 
-    Args: parameters: other parameters, SI; machine: preset name; jobs: worker processes (default: all
-    cores); progress: called with the fraction done. A point that cannot be run or measured is kept
-    with its reason. Raises PatchError or RunError where no point could ever work.
+    Args: patch: a patch, or the file or shipped name of one; values: SI numbers, texts with units, or
+    one text 'START:STOP:COUNT[:log]'; parameters: the others, likewise; machine: preset name; jobs:
+    worker processes (default: all cores); progress: called with the fraction done. A point that
+    cannot be run or measured is kept with its reason. Raises PatchError or RunError where no point
+    could ever work.
     """
-    check_seed(seed)
-    numbers = np.asarray(values, dtype=np.float64)
-    order = {**(parameters or {})}
+    seed, patch = check_seed(seed), patch_of(patch)
+    numbers, order = values_of(patch, over, values), parameters_of(patch, parameters)
     first = check_sweep(patch, over, numbers, order, machine, serial, jobs)
-    task = _Task(patch, over, order, machine, serial, seed)
+    task = _Task(patch, over, order, preset_of(machine), serial_of(serial), seed)
     points, status = [], "complete"
     try:
         for batch in _batches(task, numbers, jobs):
@@ -171,7 +237,7 @@ def sweep(
     except KeyboardInterrupt:
         status = "interrupted"
     points.sort(key=lambda point: point.index)
-    return Sweep(patch, over, numbers, tuple(points), first.preset, seed, status)
+    return Sweep(patch, over, numbers, tuple(points), first, seed, status)
 
 
 @dataclass(frozen=True, slots=True)
@@ -257,9 +323,10 @@ def _dataset(result: Sweep) -> xr.Dataset:
         variables[name] = _mode_table(result, modes, quantity)
     for quantity in CLOSED:
         variables[f"closed_form_{quantity}"] = _mode_table(result, modes, quantity, closed=True)
-    for fact in ("status", "note"):
-        texts = np.array([getattr(p, fact) for p in points], dtype=object)
-        variables[fact] = ((result.parameter,), texts)
+    variables |= _scalar_variables(result)
+    texts = {"status": [p.status for p in points], "note": [p.remarks for p in points]}
+    for fact, lines in texts.items():
+        variables[fact] = ((result.parameter,), np.array(lines, dtype=object))
     variables["overloads"] = (
         (result.parameter,),
         np.array([p.overloads for p in points], dtype=int),
@@ -277,13 +344,40 @@ def _dataset(result: Sweep) -> xr.Dataset:
         {
             "title": result.patch.title,
             "patch": result.patch.file,
+            "patch_hash": patch_hash(result.patch),
             "machine": result.machine,
+            "serial": result.first.serial,
+            "parameters": json.dumps(result.parameters),
+            "versions": versions_text(),
             "seed": result.seed,
             "status": result.status,
             "parameter": result.parameter,
             "closed_form": "Eq. " + forms[0] if forms else "",
         },
     )
+
+
+def _scalar_names(readout: Readout) -> tuple[str, ...]:
+    """Variables in the result of a sweep that a readout other than a transient fills."""
+    if readout.kind == "transient":
+        return ()
+    timed = (f"time_{readout.name}",) if readout.kind in TIMED else ()
+    return (f"value_{readout.name}", *timed)
+
+
+def _scalar_variables(result: Sweep) -> dict[str, Any]:
+    """Value, in the unit of its signal, and time of every readout that is no transient."""
+    units, found = signal_units(result.first), {}
+    for readout in result.patch.readouts:
+        for name in _scalar_names(readout):
+            quantity, unit = ("time_s", "s") if name.startswith("time_") else ("value", "")
+            column = [
+                _number(p.measured.get(readout.name, {}).get(quantity)) for p in result.points
+            ]
+            about = {"units": unit or units[readout.signal][0]}
+            about |= {"readout": readout.kind, "signal": readout.signal}
+            found[name] = ((result.parameter,), np.array(column, dtype=np.float64), about)
+    return found
 
 
 def _mode_table(

@@ -13,7 +13,7 @@ from enum import IntEnum
 import numpy as np
 import numpy.typing as npt
 
-from hybrid.errors import PatchError
+from hybrid.errors import PatchError, Place
 from hybrid.expressions import (
     Binary,
     Call,
@@ -69,6 +69,7 @@ class Tape:
     registers: npt.NDArray[np.float64]  # first values
     word_registers: npt.NDArray[np.int32]
     memory: npt.NDArray[np.int32]  # (remembered, 2): memory register, word register
+    places: tuple[Place, ...]  # of the words in the patch file
 
 
 class _Builder:
@@ -153,4 +154,5 @@ def build_tape(program: Program | None, adcs: tuple[str, ...], scope: Mapping[st
         np.array(build.values, dtype=np.float64),
         np.array([build.place[w] for w in words], dtype=np.int32),
         np.array([(build.memory[n], build.place[n]) for n in remembered], np.int32).reshape(-1, 2),
+        tuple(assignment.place for assignment in assignments),
     )

@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 import codecs
+import os
 from pathlib import Path
 
-from hybrid.errors import PatchError, Place
+from hybrid.errors import PatchError, Place, did_you_mean, one_line, shown
 from hybrid.fields import Fields
 from hybrid.language import TOP_KEYS
 from hybrid.patch import Component, Dac, Patch, Value
@@ -16,21 +17,31 @@ from hybrid.patchfile.interface import read_adcs, read_dacs
 from hybrid.patchfile.outcome import read_readouts, read_record, read_run
 from hybrid.patchfile.parameters import read_parameters
 from hybrid.patchfile.program import read_program
+from hybrid.shipped import find_patch, shipped_patches
 from hybrid.yamltree import LARGEST_FILE, read_yaml
 
+LONGEST_NAME = 300
 
-def read_patch(source: str | Path) -> Patch:
-    """Read and validate the patch file at `source`.
+
+def read_patch(source: str | os.PathLike[str]) -> Patch:
+    """Read and validate the patch file at `source`, or the shipped patch of that name.
 
     Raises PatchError for a file that cannot be read or a patch that is wrong in any way.
     """
+    if not isinstance(source, str | os.PathLike) or isinstance(os.fspath(source), bytes):
+        raise PatchError(
+            f"{shown(source)} is no patch; give a patch file or the name of a patch that ships"
+        )
+    path = find_patch(os.fspath(source))
     # A name that is no text, as old file systems allow, cannot be printed or recorded.
-    name = str(source).encode("utf-8", "replace").decode("utf-8")
-    place = Place(name)
+    name = str(path).encode("utf-8", "replace").decode("utf-8")
+    place = Place(_short(one_line(name)))
     try:
-        with Path(source).open("rb") as file:
+        with path.open("rb") as file:
             # One more than allowed and no further: a device may have no end.
             content = file.read(LARGEST_FILE + 1)
+    except FileNotFoundError:
+        raise PatchError(f"cannot be read: No such file{_what_ships(path)}", place) from None
     except OSError as error:
         reason = error.strerror or str(error)
         raise PatchError(f"cannot be read: {reason}; give a patch file", place) from None
@@ -50,6 +61,18 @@ def read_patch(source: str | Path) -> Patch:
             "not a text in UTF-8; a patch is a YAML file in UTF-8", Place(name, line)
         ) from None
     return parse_patch(text, name)
+
+
+def _short(name: str) -> str:
+    """A name cut where it is too long for a message: somebody handed over the text of a patch."""
+    return name if len(name) <= LONGEST_NAME else name[: LONGEST_NAME - 3] + "..."
+
+
+def _what_ships(path: Path) -> str:
+    """What a file that is not there may have meant."""
+    if path.parent == Path() and path.suffix in ("", ".yaml"):
+        return f", and no patch of that name ships; {did_you_mean(path.stem, shipped_patches())}"
+    return "; give a patch file, or the name of a patch that ships"
 
 
 def parse_patch(text: str, file: str = "<text>") -> Patch:

@@ -1,0 +1,124 @@
+"""What a caller hands to run, predict, sweep and check, turned into what they work on.
+
+Stage 4. Every verb takes the same things in the same forms: a patch, or where to find it; parameters
+as SI numbers, or as texts with units. Whatever else is handed over is refused here in one line.
+"""
+
+from __future__ import annotations
+
+import math
+import os
+from collections.abc import Mapping
+from numbers import Integral, Real
+from typing import Any
+
+from hybrid.compiler import LARGEST_SERIAL, compile_patch
+from hybrid.errors import PatchError, Place, RunError, did_you_mean, quoted, shown
+from hybrid.machine import Machine
+from hybrid.machines import PRESETS
+from hybrid.patch import Patch
+from hybrid.patchfile import parse_override, read_patch
+
+Source = Patch | str | os.PathLike[str]
+Parameters = Mapping[str, float | str]
+
+
+def patch_of(source: Source) -> Patch:
+    """The patch itself, or the one in the file (or of the shipped name) `source`."""
+    return source if isinstance(source, Patch) else read_patch(source)
+
+
+def machine_of(
+    source: Source | Machine,
+    parameters: Parameters | None = None,
+    machine: str | None = None,
+    serial: int | None = None,
+) -> Machine:
+    """The compiled machine; raises PatchError and RunError for whatever cannot be compiled."""
+    if isinstance(source, Machine):
+        if parameters or machine is not None or serial is not None:
+            raise RunError(
+                "a compiled machine has its parameters, preset and serial number; to change them "
+                "give the patch"
+            )
+        return source
+    patch = patch_of(source)
+    numbers = parameters_of(patch, parameters)
+    return compile_patch(patch, numbers, preset_of(machine), serial_of(serial))
+
+
+def parameters_of(patch: Patch, parameters: Parameters | None) -> dict[str, float]:
+    """Every given parameter as an SI number."""
+    if parameters is None:
+        return {}
+    if not isinstance(parameters, Mapping):
+        raise RunError(f"parameters is {shown(parameters)}; give a mapping, {{'cycle': '2 ms'}}")
+    return {name: parameter_of(patch, name, value) for name, value in parameters.items()}
+
+
+def parameter_of(patch: Patch, name: str, value: float | str) -> float:
+    """One parameter's SI number from a number in SI or a text with a unit, such as '2 ms'."""
+    check_parameter(patch, name)
+    plain = _plain(value)
+    if isinstance(plain, str):
+        return parse_override(patch, name, plain)
+    number = finite_number(plain)
+    if number is None:
+        what = (
+            f"{name} is {shown(value)}; give a finite number in SI units, or a text with its unit"
+        )
+        raise PatchError(what, Place(patch.file))
+    return number
+
+
+def check_parameter(patch: Patch, name: str) -> None:
+    """Raise PatchError where the patch has no such parameter."""
+    if not isinstance(name, str):
+        raise RunError(f"{shown(name)} is no name of a parameter; names are texts")
+    if name not in patch.parameters:
+        hint = did_you_mean(name, patch.parameters)
+        raise PatchError(f"no parameter {quoted(name)}; {hint}", Place(patch.file))
+
+
+def preset_of(machine: str | None) -> str | None:
+    """The name of a preset, or None for the patch's own."""
+    if machine is None or (isinstance(machine, str) and machine in PRESETS):
+        return machine
+    hint = did_you_mean(machine if isinstance(machine, str) else "", PRESETS)
+    raise RunError(f"unknown machine {shown(machine)}; {hint}")
+
+
+def serial_of(serial: int | None) -> int | None:
+    """A serial number, or None for the patch's own."""
+    if serial is None:
+        return None
+    return whole_number("serial", serial, 0, LARGEST_SERIAL)
+
+
+def whole_number(what: str, value: Any, least: int, most: int) -> int:
+    """An integer (Python's or numpy's) within its limits; raises RunError naming `what`."""
+    plain = _plain(value)
+    whole = isinstance(plain, Integral) and not isinstance(plain, bool)
+    if not whole or not least <= int(plain) <= most:
+        limit = "2^63 - 1" if most == 2**63 - 1 else str(most)
+        raise RunError(
+            f"{what} is {shown(value)}; it must be a whole number from {least} to {limit}"
+        )
+    return int(plain)
+
+
+def finite_number(value: Any) -> float | None:
+    """A float, or None for what is no finite real number."""
+    plain = _plain(value)
+    if not isinstance(plain, Real) or isinstance(plain, bool):
+        return None
+    try:
+        number = float(plain)
+    except OverflowError:
+        return None
+    return number if math.isfinite(number) else None
+
+
+def _plain(value: Any) -> Any:
+    """A numpy scalar, or an array without dimensions, as the Python value that it holds."""
+    return value.item() if getattr(value, "ndim", None) == 0 else value
