@@ -71,7 +71,7 @@ class ConverterRow:
         """What this machine makes of the word length."""
         if self.step is not None:
             return "quantises and clips"
-        return "exact" if self.bits is None else "exact: this machine ignores bits"
+        return "exact" if self.bits is None else "exact, bits ignored"
 
 
 @dataclass(frozen=True, slots=True)

@@ -6,13 +6,13 @@ it starts at once, nothing else of the project is loaded before it.
 
 from __future__ import annotations
 
-import signal
 from multiprocessing import get_context
 from multiprocessing.connection import Connection
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from hybrid.errors import HybridError
+from hybrid.interrupts import deaf_children
 
 if TYPE_CHECKING:
     from hybrid.record import Parts
@@ -28,7 +28,8 @@ class Filing:
         self.line, far_end = processes.Pipe()
         # A daemon: whatever happens, it is gone with the main process and nobody waits for it.
         self.process = processes.Process(target=_serve, args=(far_end, chart), daemon=True)
-        self.process.start()
+        with deaf_children():
+            self.process.start()
         far_end.close()
 
     def __enter__(self) -> Filing:
@@ -83,8 +84,7 @@ def write_files(
 
 
 def _serve(line: Connection, chart: bool) -> None:
-    """Load what writing needs, then do one piece of work. Ctrl-C is the main process's business."""
-    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    """Load what writing needs, then do one piece of work."""
     if chart:
         import hybrid.charts.strip
     import netCDF4  # noqa: F401

@@ -161,6 +161,13 @@ def check_seed(seed: int) -> int:
     return whole_number("seed", seed, 0, LARGEST_SEED)
 
 
+def check_run(machine: Machine, seed: int) -> None:
+    """Raise PatchError or RunError for whatever would stop the run before it begins."""
+    check_seed(seed)
+    check_windows(machine)
+    build_timeline(machine)
+
+
 def check_windows(machine: Machine) -> None:
     """Raise PatchError for a readout that these parameters make end before it begins."""
     scope = machine.parameters

@@ -8,8 +8,6 @@ from __future__ import annotations
 
 import json
 import math
-import signal
-import threading
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass
 from functools import cached_property
@@ -33,10 +31,11 @@ from hybrid.arguments import (
 from hybrid.compiler import compile_patch
 from hybrid.errors import HybridError, RunError, quoted, shown
 from hybrid.expressions import names
+from hybrid.interrupts import deaf_children
 from hybrid.machine import Machine
 from hybrid.patch import Patch, Readout
 from hybrid.prediction import predict_machine
-from hybrid.record import parameter_texts, patch_hash, signal_units, versions_text
+from hybrid.record import machine_facts, parameter_texts, patch_hash, signal_units, versions_text
 from hybrid.runs import check_seed, run
 from hybrid.streams import stream
 
@@ -47,6 +46,8 @@ if TYPE_CHECKING:
 MOST_POINTS = 1_000_000
 # Points handed to a worker at once: enough to hide the hand-over, few enough to share evenly.
 POINTS_PER_BATCH = 20
+# Cycles (or rows) that a batch holds at most: a second's work or so.
+STEPS_PER_BATCH = 2_000_000
 # Below this many points starting workers takes longer than the work.
 FEWEST_FOR_WORKERS = 40
 MOST_JOBS = 1000
@@ -129,6 +130,30 @@ class Sweep:
     def to_pandas(self) -> pd.DataFrame:
         """One row a value, readout and mode."""
         return self.dataset.to_dataframe()
+
+    def to_dict(self) -> dict[str, Any]:
+        """Everything as plain data; values in SI."""
+        facts = machine_facts(self.first)
+        shared = {key: facts[key] for key in ("patch", "title", "machine", "serial")}
+        return {
+            **shared,
+            "parameters": self.parameters,
+            "over": self.parameter,
+            "seed": self.seed,
+            "status": self.status,
+            "points": [
+                {
+                    "value": float(self.values[p.index]),
+                    "readouts": p.measured,
+                    "modes": p.modes,
+                    "status": p.status,
+                    "note": p.remarks,
+                    "overloads": p.overloads,
+                    "seed": p.seed,
+                }
+                for p in self.points
+            ],
+        }
 
     def __repr__(self) -> str:
         counts = {
@@ -230,7 +255,7 @@ def sweep(
     task = _Task(patch, over, order, preset_of(machine), serial_of(serial), seed)
     points, status = [], "complete"
     try:
-        for batch in _batches(task, numbers, jobs):
+        for batch in _batches(task, numbers, jobs, _points_per_batch(first)):
             points.extend(batch)
             if progress:
                 progress(len(points) / len(numbers))
@@ -276,10 +301,17 @@ class _Task:
         return Point(index, result.readouts, modes, result.status, notes, overloads, seed)
 
 
+def _points_per_batch(first: Machine) -> int:
+    """Few where a point takes long: an interrupted sweep loses the batches that are under way."""
+    timing = first.timing
+    steps = timing.until // min(t for t in (timing.period, timing.every) if t)
+    return max(1, min(POINTS_PER_BATCH, STEPS_PER_BATCH // max(steps, 1)))
+
+
 def _batches(
-    task: _Task, values: npt.NDArray[np.float64], jobs: int | None
+    task: _Task, values: npt.NDArray[np.float64], jobs: int | None, most: int
 ) -> Iterator[list[Point]]:
-    """Points in batches, from all cores or wherever joblib is told to work (a Dask cluster too).
+    """Points in batches of at most `most`, from all cores or wherever joblib works (a Dask cluster too).
 
     Costly values (short cycles) are spread over the batches.
     """
@@ -290,16 +322,11 @@ def _batches(
         return
     import joblib
 
-    count = -(-len(pairs) // POINTS_PER_BATCH)
+    count = -(-len(pairs) // most)
     parallel = joblib.Parallel(n_jobs=jobs or -1, return_as="generator_unordered")
-    yield from parallel(joblib.delayed(_work)(task, pairs[i::count]) for i in range(count))
-
-
-def _work(task: _Task, batch: list[tuple[int, float]]) -> list[Point]:
-    """One batch in a worker; Ctrl-C goes to the main process, which keeps what is done."""
-    if threading.current_thread() is threading.main_thread():
-        signal.signal(signal.SIGINT, signal.SIG_IGN)
-    return task.points(batch)
+    with deaf_children():
+        batches = parallel(joblib.delayed(task.points)(pairs[i::count]) for i in range(count))
+    yield from batches
 
 
 def _dataset(result: Sweep) -> xr.Dataset:

@@ -1,0 +1,31 @@
+"""The door of the `hybrid` command: Ctrl-C is quiet even while the interpreter still loads."""
+
+from __future__ import annotations
+
+import os
+import signal
+import sys
+from typing import Any
+
+
+def main() -> int:
+    """Run the command line; returns its exit code."""
+    listening = signal.getsignal(signal.SIGINT) is not signal.SIG_IGN  # not a job in the background
+    if listening:
+        signal.signal(signal.SIGINT, _leave)
+    from hybrid.cli import main as command
+
+    code = command()
+    if listening:  # the answer is given and the files are written: nothing is left to interrupt
+        signal.signal(signal.SIGINT, signal.SIG_IGN)
+    return code
+
+
+def _leave(*_: Any) -> None:
+    """Nothing is computed yet and nothing is to be kept, so no import need be unwound."""
+    os.write(2, b"hybrid: interrupted before there was a result; nothing written\n")
+    os._exit(130)
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,59 @@
+"""Ctrl-C and SIGTERM: who hears them, and when.
+
+Stage 0. Both raise KeyboardInterrupt while something is computed that can be kept; before, they end
+the command at once, and afterwards they must not lose the result. Helping processes never hear them.
+"""
+
+from __future__ import annotations
+
+import signal
+import threading
+from collections.abc import Iterator
+from contextlib import contextmanager
+from typing import NoReturn
+
+SIGNALS = (signal.SIGINT, signal.SIGTERM)
+
+
+@contextmanager
+def as_before() -> Iterator[None]:
+    """Whatever is done with the signals meanwhile, afterwards they do what they did before."""
+    before = {number: signal.getsignal(number) for number in SIGNALS}
+    try:
+        yield
+    finally:
+        for number, handler in before.items():
+            signal.signal(number, handler or signal.SIG_DFL)
+
+
+def hear() -> None:
+    """From here on an interrupt ends the computing, and what is done is kept."""
+    for number in SIGNALS:
+        if signal.getsignal(number) is not signal.SIG_IGN:  # a job in the background hears nothing
+            signal.signal(number, _raise)
+
+
+def ignore() -> None:
+    """From here on there is a result to write: another Ctrl-C must not lose it."""
+    for number in SIGNALS:
+        signal.signal(number, signal.SIG_IGN)
+
+
+def _raise(*_: object) -> NoReturn:
+    raise KeyboardInterrupt
+
+
+@contextmanager
+def deaf_children() -> Iterator[None]:
+    """Processes started meanwhile never hear Ctrl-C, which a terminal sends to all of them.
+
+    They inherit that it is ignored, and so load in peace; the main process alone decides.
+    """
+    if threading.current_thread() is not threading.main_thread():
+        yield
+        return
+    before = signal.signal(signal.SIGINT, signal.SIG_IGN)
+    try:
+        yield
+    finally:
+        signal.signal(signal.SIGINT, before or signal.SIG_DFL)

@@ -1,0 +1,140 @@
+"""What can be written after `hybrid`, and how it is read. Stage 8."""
+
+from __future__ import annotations
+
+import argparse
+from dataclasses import replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, NoReturn
+
+from hybrid.errors import RunError
+from hybrid.version import __version__
+
+if TYPE_CHECKING:
+    from hybrid.patch import Patch
+
+
+class _Parser(argparse.ArgumentParser):
+    """Complaints in one line."""
+
+    def error(self, message: str) -> NoReturn:
+        raise RunError(f"{message}; see {self.prog} --help")
+
+
+def parser() -> argparse.ArgumentParser:
+    """The parser of the whole command line; `verb` in what it gives is the name of the verb."""
+    made = _Parser(prog="hybrid", description="An emulated hybrid analog-digital computer.")
+    made.add_argument("--version", action="version", version=f"hybrid {__version__}")
+    verbs = made.add_subparsers(required=True, metavar="VERB", dest="verb", parser_class=_Parser)
+    _run(_verb(verbs, "run", "run a patch: strip chart, readouts, record"))
+    _predict(_verb(verbs, "predict", "exact modes and closed forms, without a run"))
+    _sweep(_verb(verbs, "sweep", "measure and predict over a range of one parameter"))
+    _verb(verbs, "check", "validate a patch; scaling, potentiometers, static check")
+    listing = verbs.add_parser("list", help="the patches that ship")
+    listing.add_argument("--json", action="store_true", help="print one JSON object")
+    schema = verbs.add_parser("schema", help="the patch language as JSON Schema")
+    schema.add_argument("--markdown", action="store_true", help="as a reference table instead")
+    return made
+
+
+def _verb(verbs: Any, name: str, doc: str) -> argparse.ArgumentParser:
+    """A verb with the options that all verbs on a patch share."""
+    made: argparse.ArgumentParser = verbs.add_parser(name, help=doc, description=doc)
+    made.add_argument("patch", metavar="PATCH", help="patch file, or the name of a shipped patch")
+    made.add_argument(
+        "--set",
+        action="append",
+        default=[],
+        metavar="NAME=VALUE",
+        help="set a parameter: cycle='2 ms'",
+    )
+    made.add_argument("--machine", metavar="PRESET", help="ideal, lags or nominal")
+    made.add_argument("--serial", type=int, metavar="N", help="serial number of the machine")
+    made.add_argument("--json", action="store_true", help="print one JSON object")
+    return made
+
+
+def _seed(made: argparse.ArgumentParser) -> None:
+    made.add_argument(
+        "--seed", type=int, default=0, metavar="N", help="seed of the noise (default 0)"
+    )
+
+
+def _run(made: argparse.ArgumentParser) -> None:
+    _seed(made)
+    made.add_argument("--until", metavar="TIME", help="end of the run, such as '20 s'")
+    made.add_argument(
+        "--out", default="out", metavar="DIR", help="folder for the files (default out)"
+    )
+    made.add_argument("--no-chart", action="store_true", help="write the record only")
+
+
+def _predict(made: argparse.ArgumentParser) -> None:
+    made.add_argument(
+        "--max-damping-error", type=float, metavar="X", help="find the largest T that keeps below X"
+    )
+
+
+def _sweep(made: argparse.ArgumentParser) -> None:
+    made.add_argument(
+        "--over", required=True, metavar="NAME=START:STOP:COUNT[:log]", help="the range"
+    )
+    _seed(made)
+    made.add_argument("--jobs", type=int, metavar="N", help="worker processes (default: all cores)")
+    made.add_argument("--out", metavar="FILE", help="NetCDF file; the chart goes beside it")
+    made.add_argument("--no-chart", action="store_true", help="write the data only")
+
+
+# -- what was written -------------------------------------------------------------------------------
+
+
+def patch_and_parameters(options: argparse.Namespace) -> tuple[Patch, dict[str, float]]:
+    """The patch, and the parameters set from outside, in SI."""
+    from hybrid.arguments import parameters_of
+    from hybrid.patchfile import read_patch
+
+    patch = read_patch(options.patch)
+    texts: dict[str, float | str] = {}
+    for entry in options.set:
+        name, equals, text = (part.strip() for part in entry.partition("="))
+        if not equals or not text:
+            raise RunError(f"--set {entry!r} must be NAME=VALUE, such as --set cycle='2 ms'")
+        if name in texts:
+            raise RunError(f"--set {name} is given twice")
+        texts[name] = text
+    return patch, parameters_of(patch, texts)
+
+
+def with_until(patch: Patch, text: str | None) -> Patch:
+    """The patch with the end of its run from --until, where that is given."""
+    from hybrid.patchfile import parse_duration
+
+    if text is None:
+        return patch
+    return replace(patch, run=replace(patch.run, until=parse_duration(text, "--until")))
+
+
+def swept_range(over: str) -> tuple[str, str]:
+    """Name and range of --over NAME=START:STOP:COUNT[:log]."""
+    name, _, text = (part.strip() for part in over.partition("="))
+    if not text:
+        raise RunError(f"--over {over!r} must be NAME=START:STOP:COUNT or ...:COUNT:log")
+    return name, text
+
+
+def sweep_file(options: argparse.Namespace, patch: Patch, name: str) -> Path:
+    """Where the data of a sweep go."""
+    out = Path(options.out or f"out/{Path(patch.file).stem}_over_{name}.nc")
+    if out.suffix != ".nc":
+        raise RunError(f"--out {out} must be a NetCDF file, ending in .nc")
+    return out
+
+
+def writable(*files: Path) -> None:
+    """Raise RunError where the files of a run or sweep cannot be put, before anything is computed."""
+    from hybrid.record import output_folder
+
+    output_folder(files[0].parent)
+    for file in files:
+        if file.is_dir():
+            raise RunError(f"cannot write {file}: a folder of that name is in the way")
