@@ -200,16 +200,19 @@ def _play(player: Player, progress: Progress | None) -> tuple[str, str]:
             if not np.isfinite(v)
         ]
         return "stopped", (
-            f"stopped {_cycle_text(player)}: the program computed no finite number for "
+            f"stopped at {player.done_s:.6g} s: {_cycle_text(player)} "
+            "the program computed no finite number for "
             f"{', '.join(words)} (a division by zero, or a root or logarithm of a negative number)"
         )
     return "complete", ""
 
 
 def _cycle_text(player: Player) -> str:
-    """The digital cycle that a run stands in, counted from 1."""
-    cycle = player.done_ticks // player.machine.timing.period + 1
-    return f"in cycle {cycle}, at {player.done_s:.6g} s"
+    """The cycle, counted from 1, whose result a run has just met."""
+    timing, samplers = player.machine.timing, player.machine.samplers
+    converting = max((s.delay_ticks + s.conversion_ticks for s in samplers), default=0)
+    before = (player.done_ticks - timing.compute - converting) // timing.period
+    return f"in cycle {before + 1}, which began at {to_seconds(before * timing.period):.6g} s,"
 
 
 def _ordinal(number: int) -> str:

@@ -49,7 +49,10 @@ def show_table(
     )
     for i, column in enumerate(columns):
         made.add_column(
-            escape(column), justify="left" if i < texts else "right", no_wrap=not wrap or i > 0
+            escape(column),
+            justify="left" if i < texts else "right",
+            no_wrap=not wrap or i > 0,
+            overflow="fold",
         )
     for row in rows:
         made.add_row(*(escape(cell) for cell in row))
@@ -100,11 +103,11 @@ def _show_readout(
         rows = []
         for quantity in TRANSIENT:
             unit = "" if quantity == "zeta" else " rad/s"
-            row = [quantity + unit, figure(quantities[quantity], 10)]
+            row = [quantity + unit, figure(quantities[quantity])]
             row.append(figure(quantities.get(quantity + "_error"), 2))
-            row.append(figure(mode.get(quantity) if mode else None, 10))
+            row.append(figure(mode.get(quantity) if mode else None))
             if closed:
-                row.append(figure(closed.get(quantity), 10))
+                row.append(figure(closed.get(quantity)))
             ideal = {"omega": "omega_ideal", "zeta": "zeta_ideal"}.get(quantity, "")
             row.append(figure(mode.get(ideal) if mode else None, 6))
             rows.append(row)
@@ -163,9 +166,9 @@ def show_prediction(console: Console, prediction: Prediction) -> None:
         columns = ["mode", "exact"] + ([f"Eq. {closed['equation']}"] if closed else []) + ["ideal"]
         rows = []
         for quantity in TRANSIENT:
-            row = [quantity + ("" if quantity == "zeta" else " rad/s"), figure(mode[quantity], 10)]
+            row = [quantity + ("" if quantity == "zeta" else " rad/s"), figure(mode[quantity])]
             if closed:
-                row.append(figure(closed.get(quantity), 10))
+                row.append(figure(closed.get(quantity)))
             row.append(figure(mode.get(quantity + "_ideal"), 6))
             rows.append(row)
         show_table(console, "", columns, rows)

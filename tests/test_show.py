@@ -1,0 +1,108 @@
+"""Tables in the terminal: nothing cut, nothing garbled, at 80 columns and at any other width."""
+
+from __future__ import annotations
+
+import io
+from collections.abc import Callable
+
+import pytest
+from rich.console import Console
+
+import hybrid
+from hybrid.prediction import predict
+from hybrid.show import show_check, show_list, show_prediction, show_run, show_sweep, some_rows
+
+LONG = "a_name_that_is_as_long_as_names_may_be_or_nearly_so"
+
+
+def printed(show: Callable[..., None], *facts: object, width: int = 80) -> list[str]:
+    console = Console(file=io.StringIO(), width=width, highlight=False, color_system=None)
+    show(console, *facts)
+    assert isinstance(console.file, io.StringIO)
+    return [line.rstrip() for line in console.file.getvalue().splitlines()]
+
+
+@pytest.fixture(scope="module")
+def patches() -> list[hybrid.patch.Patch]:
+    return [hybrid.read_patch(file) for file in hybrid.shipped_patches().values()]
+
+
+def test_the_shipped_patches_fit_in_80_columns(patches) -> None:
+    for patch in patches:
+        for machine in ("ideal", "nominal"):
+            if patch.program is None and machine == "nominal":
+                continue
+            order = {"machine": machine}
+            checked = hybrid.check(patch, **order)
+            lines = printed(show_check, checked)
+            lines += printed(show_run, hybrid.run(patch, **order), predict(patch, **order), [])
+            lines += printed(show_prediction, predict(patch, **order))
+            assert max(map(len, lines)) <= 80, max(lines, key=len)
+            assert not any("…" in line for line in lines)
+            for row in checked.scaling:
+                assert any(line.split()[:2] == [row.signal, row.kind] for line in lines)
+            for pot in checked.pots:
+                assert any(line.split()[:2] == [pot.component, pot.input] for line in lines)
+
+
+def test_a_run_shows_whole_figures(patches) -> None:
+    result, prediction = hybrid.run(patches[0]), predict(patches[0])
+    lines = printed(show_run, result, prediction, ["out/a.nc"])
+    zeta = next(line for line in lines if line.startswith("zeta")).split()
+    assert float(zeta[1]) == pytest.approx(result.readouts["pitch_mode"]["zeta"], rel=1e-8)
+    assert float(zeta[3]) == pytest.approx(prediction.modes[0].zeta, rel=1e-8)
+    assert lines[-1] == "wrote out/a.nc"
+
+
+@pytest.mark.parametrize("width", [20, 80, 130])
+def test_no_table_is_cut(patches, width: int) -> None:
+    text = patches[0].text.replace("theta_ddot", LONG)
+    patch = hybrid.parse_patch(text)
+    lines = printed(show_check, hybrid.check(patch), width=width)
+    assert not any("…" in line for line in lines)
+    row = next(line for line in lines if line.startswith(f"{LONG}  sum"))
+    assert row.split() == [LONG, "sum", "100", "rad/s^2", "0", "0", "-"]
+
+
+def test_scalar_readouts_show_their_unit(patches) -> None:
+    text = patches[0].text.replace("pitch_mode: {transient: theta}", "top: {maximum: theta_dot}")
+    result = hybrid.run(hybrid.parse_patch(text))
+    lines = printed(show_run, result, "no prediction: none asked", [])
+    value = result.readouts["top"]["value"]
+    assert any(line.startswith(f"top: value {value:.9g} rad/s, time ") for line in lines)
+    assert "no prediction: none asked" in lines
+
+
+def test_a_sweep_shows_its_last_point_and_its_overloads(patches) -> None:
+    values = [round(1.0 + 0.1 * i, 1) for i in range(30)]
+    text = patches[0].text.replace("full_scale: 1 rad}", "full_scale: 0.11 rad}")
+    patch = hybrid.parse_patch(text.replace("until: 10 s", "until: 1 s"))
+    result = hybrid.sweep(patch, "cycle", [v * 1e-3 for v in values], jobs=1)
+    lines = printed(show_sweep, result, [], width=200)
+    table = [line for line in lines if line[:1].isdigit()]
+    assert table[0].split()[0] == "1"
+    assert table[-1].split()[0] == "3.9"
+    over = sum(p.overloads > 0 for p in result.points)
+    assert (f"{over} with overloads" in " ".join(lines)) == (over > 0)
+    assert any("overloads" in line.split()[-1:] for line in lines) == (over > 0)
+
+
+@pytest.mark.parametrize("count", [0, 1, 2, 11, 12, 13, 14, 30, 1000])
+def test_some_rows_have_both_ends(count: int) -> None:
+    rows = some_rows(count, 12)
+    assert len(rows) <= 13
+    assert rows == sorted(set(rows))
+    assert (rows[:1], rows[-1:]) == (([0], [count - 1]) if count else ([], []))
+
+
+def test_the_list_is_whole() -> None:
+    files = {name: (f"Title of {name}", f"/a/{'b' * 100}/{name}.yaml") for name in ("one", "two")}
+    lines = printed(show_list, files)
+    assert lines[-1].split("  ")[0] == "two"
+    assert lines[-1].endswith("/two.yaml")
+
+
+def test_the_limit_of_the_cycle_time(patches) -> None:
+    found = predict(patches[0], max_damping_error=0.01)
+    line = next(x for x in printed(show_prediction, found) if "T up to" in x)
+    assert float(line.split()[-2]) == pytest.approx(found.max_cycle_s, rel=1e-8)

@@ -1,0 +1,126 @@
+"""Sweeps from Python: values, what the data set says, how points are counted."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+import xarray as xr
+
+import hybrid
+from hybrid.record import write_dataset
+from hybrid.sweeps import POINTS_PER_BATCH, _points_per_batch
+
+PATCH = """
+title: Decay
+machine: {preset: ideal, serial: 7}
+parameters: {rate: 1 1/s, other: 2*rate, cycle: 10 ms, tall: 1 V}
+analog:
+  x: {integrate: {x: -rate}, initial: tall, full_scale: 1 V}
+interface: {s: {adc: x, bits: 12}}
+digital: {period: cycle, program: {w: s}}
+run: {until: 1 s}
+readouts:
+  end: {final: x}
+  level: {rms: x}
+  mode: {transient: x}
+"""
+
+
+@pytest.fixture(scope="module")
+def patch() -> hybrid.patch.Patch:
+    return hybrid.parse_patch(PATCH, "decay.yaml")
+
+
+@pytest.fixture(scope="module")
+def result(patch) -> hybrid.sweeps.Sweep:
+    return hybrid.sweep(patch, "rate", ["0.5 1/s", 1.0, 2], {"cycle": "5 ms"}, seed=3)
+
+
+def test_every_readout_is_in_the_data(result) -> None:
+    data = result.dataset
+    assert data["value_end"].values == pytest.approx(np.exp([-0.5, -1.0, -2.0]), rel=1e-12)
+    assert data["value_end"].attrs == {"units": "V", "readout": "final", "signal": "x"}
+    assert data["time_end"].values.tolist() == [1.0, 1.0, 1.0]
+    assert data["time_end"].attrs["units"] == "s"
+    rates = np.array([0.5, 1.0, 2.0])
+    rms = np.sqrt((1 - np.exp(-2 * rates)) / (2 * rates))
+    assert data["value_level"].values == pytest.approx(rms, rel=1e-2)
+    assert "time_level" not in data
+    assert data["readout"].values.tolist() == ["mode"]
+
+
+def test_the_data_say_where_they_come_from(result, patch, tmp_path: Path) -> None:
+    write_dataset(result.dataset, tmp_path / "a.nc")
+    with xr.open_dataset(tmp_path / "a.nc") as stored:
+        about = stored.attrs
+    assert about["serial"] == 7
+    assert about["patch_hash"] == hybrid.run(patch).record.attrs["patch_hash"]
+    assert set(json.loads(about["versions"])) == {"hybrid", "numpy", "numba", "python"}
+    # `other` follows the swept parameter, so it is not one figure for all.
+    assert json.loads(about["parameters"]) == {"cycle": "5 ms", "tall": "1 V"}
+    assert (about["seed"], about["parameter"], about["status"]) == (3, "rate", "complete")
+
+
+def test_points_without_a_result_are_counted(result, patch) -> None:
+    assert [p.has_result for p in result.points] == [False] * 3  # a decay is no oscillation
+    assert "3 of 3 points, 3 without a result" in repr(result)
+    assert result.points[0].remarks.startswith("mode: ")
+    assert result.dataset["note"].values[0] == result.points[0].remarks
+    plain = hybrid.parse_patch(PATCH.replace("  mode: {transient: x}\n", ""))
+    assert "3 of 3 points, 0 without" in repr(hybrid.sweep(plain, "rate", [1, 2, 3]))
+    over = hybrid.sweep(plain, "rate", [1, -1])
+    assert "0 without a result, 1 with overloads, complete" in repr(over)
+    failed = hybrid.sweep(plain, "cycle", [1e-3, -1.0])
+    assert "2 of 2 points, 1 without a result" in repr(failed)
+
+
+def test_values_in_every_form(patch) -> None:
+    for values in ("1:2:3", [1, 1.5, 2], np.array([1, 1.5, 2]), iter(["1 1/s", "1.5", "2"])):
+        assert hybrid.sweep(patch, "rate", values).values.tolist() == [1.0, 1.5, 2.0]
+    assert hybrid.sweep(patch, "cycle", "1 ms:100 ms:3:log").values == pytest.approx(
+        [1e-3, 1e-2, 1e-1]
+    )
+
+
+REFUSED = {
+    "no values": (("rate", []), {}, "at least one"),
+    "a number": (("rate", 5), {}, "list of numbers"),
+    "none": (("rate", None), {}, "list of numbers"),
+    "a text": (("rate", "much"), {}, "START:STOP:COUNT"),
+    "texts": (("rate", ["much"]), {}, "names are not known"),
+    "nested": (("rate", [[1, 2]]), {}, "finite number"),
+    "table": (("rate", np.ones((2, 2))), {}, "list of numbers"),
+    "nan": (("rate", [float("nan")]), {}, "finite number"),
+    "unit": (("rate", ["1 V"]), {}, "does not fit"),
+    "name": ((5, [1]), {}, "names are texts"),
+    "unknown": (("rte", [1]), {}, "did you mean 'rate'"),
+    "jobs": (("rate", [1]), {"jobs": "x"}, "jobs is 'x'"),
+    "jobs 0": (("rate", [1]), {"jobs": 0}, "from 1 to 1000"),
+    "jobs fraction": (("rate", [1]), {"jobs": 1.5}, "jobs is 1.5"),
+    "set and swept": (("rate", [1]), {"parameters": {"rate": 2}}, "both set and swept"),
+}
+
+
+@pytest.mark.parametrize("case", REFUSED.values(), ids=REFUSED)
+def test_what_a_sweep_refuses(patch, case) -> None:
+    order, options, says = case
+    with pytest.raises(hybrid.HybridError) as caught:
+        hybrid.sweep(patch, *order, **options)
+    assert says in str(caught.value)
+    assert str(caught.value).isprintable()
+
+
+def test_a_parameter_named_like_a_variable() -> None:
+    text = PATCH.replace("tall", "value_end")
+    with pytest.raises(hybrid.RunError, match="rename the parameter"):
+        hybrid.sweep(hybrid.parse_patch(text), "value_end", [1.0])
+
+
+def test_long_points_go_to_the_workers_one_by_one(patch) -> None:
+    def batch(cycle_s: float) -> int:
+        return _points_per_batch(hybrid.predict(patch, {"cycle": cycle_s}).machine)
+
+    assert [batch(1e-2), batch(1e-6), batch(1e-9)] == [POINTS_PER_BATCH, 2, 1]
