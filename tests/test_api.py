@@ -127,7 +127,7 @@ def test_a_shipped_name_misspelt() -> None:
 def test_what_is_no_seed(loop, seed) -> None:
     for verb in (hybrid.run, lambda p, seed: hybrid.sweep(p, "rate", [1.0], seed=seed)):
         with pytest.raises(
-            hybrid.RunError, match="seed is .*; it must be a whole number from 0 to"
+            hybrid.RunError, match=r"seed is .*; it must be a whole number from 0 to"
         ):
             verb(loop, seed=seed)
 

@@ -1,0 +1,343 @@
+"""The command from outside: JSON keys, exit codes, interruptions, closed and full outputs."""
+
+from __future__ import annotations
+
+import json
+import os
+import re
+import signal
+import subprocess
+import sys
+import time
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+import pytest
+import xarray as xr
+
+import hybrid
+from hybrid.cli import main
+from hybrid.engine import kernel
+
+PATCH = """
+title: Loop
+machine: nominal
+parameters: {omega: 10 rad/s, cycle: 1 ms, tall: 0.1 rad}
+analog:
+  rate: {integrate: {torque: 1}, initial: 0 rad/s, full_scale: 10 rad/s}
+  angle: {integrate: {rate: 1}, initial: tall, full_scale: 1 rad}
+interface:
+  sample: {adc: angle, bits: 14}
+  torque: {dac: word, bits: 14, full_scale: 100 rad/s^2, initial: 0 rad/s^2}
+digital:
+  period: cycle
+  program: {word: -omega**2 * sample}
+run: {until: 2 s}
+readouts:
+  mode: {transient: angle}
+  top: {maximum: rate}
+"""
+
+ANALOG = """
+title: Lag
+machine: ideal
+analog: {x: {integrate: {x: -1}, initial: 1 V, full_scale: 1 V}}
+run: {until: 1 s, every: 0.1 s}
+"""
+
+
+@pytest.fixture(autouse=True)
+def here(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    monkeypatch.chdir(tmp_path)
+    Path("loop.yaml").write_text(PATCH)
+    Path("analog.yaml").write_text(ANALOG)
+    return tmp_path
+
+
+def answer(capsys: pytest.CaptureFixture[str], *arguments: str, code: int = 0) -> Any:
+    """The one JSON object that a command prints."""
+    assert main([*arguments, "--json"]) == code
+    out = capsys.readouterr().out
+    assert out.count("\n") == 1
+    return json.loads(out)
+
+
+# -- keys of the JSON answers, each as README.md documents it ---------------------------------------
+
+ABOUT = {"patch", "title", "machine", "serial", "cycle_s", "parameters"}
+RUN = {"seed", "cycles", "status", "status_note", "readouts", "overloads", "files"}
+RUN |= {"prediction", "prediction_note"}
+MODE = {"omega", "omega_damped", "zeta", "omega_ideal", "zeta_ideal", "closed_form"}
+CLOSED = {"equation", "omega", "omega_damped", "zeta", "note"}
+ERRORS = {"omega_error", "omega_damped_error", "zeta_error"}
+TRANSIENT = {"omega", "omega_damped", "zeta", "amplitude", "offset", "reason", "units", "note"}
+OVERLOAD = {"signal", "time_s", "value", "worst_value", "worst_time_s", "instants", "units"}
+OVERLOAD |= {"full_scale"}
+SWEEP = (ABOUT - {"cycle_s"}) | {"over", "seed", "status", "points", "files"}
+POINT = {"value", "readouts", "modes", "status", "note", "overloads", "seed"}
+CHECK = ABOUT | {"scaling", "potentiometers", "converters", "loops", "prediction", "events"}
+ROWS = {
+    "scaling": {"signal", "kind", "full_scale", "units", "value", "value_mu", "rate_mu"},
+    "potentiometers": {"component", "input", "coefficient_mu", "setting", "gain", "inverted"},
+    "converters": {"converter", "kind", "converts", "bits", "range", "step", "units", "remark"},
+    "loops": {"path", "lag_s", "sampled"},
+}
+
+
+def test_the_answer_of_run(capsys: pytest.CaptureFixture[str]) -> None:
+    found = answer(
+        capsys, "run", "loop.yaml", "--seed", "5", "--serial", "3", "--set", "tall=0.9 rad"
+    )
+    assert found.keys() == ABOUT | RUN
+    assert (found["machine"], found["serial"], found["seed"]) == ("nominal", 3, 5)
+    assert (found["cycle_s"], found["cycles"], found["status"]) == (0.001, 2000, "complete")
+    assert found["parameters"] == {"omega": "10 rad/s", "cycle": "1 ms", "tall": "0.9 rad"}
+    assert found["readouts"]["mode"].keys() == TRANSIENT | ERRORS
+    assert found["readouts"]["top"].keys() == {"value", "time_s", "units", "note"}
+    assert found["readouts"]["top"]["units"] == "rad/s"
+    assert all(o.keys() == OVERLOAD for o in found["overloads"])
+    assert "rate" in {o["signal"] for o in found["overloads"]}
+    assert [m.keys() for m in found["prediction"]] == [MODE]
+    assert found["prediction"][0]["closed_form"].keys() == CLOSED
+    assert found["prediction_note"] == ""
+    assert found["files"] == ["out/loop.nc", "out/loop.png"]
+    assert all(Path(file).stat().st_size for file in found["files"])
+
+
+def test_the_answer_of_run_without_a_digital_machine(capsys: pytest.CaptureFixture[str]) -> None:
+    found = answer(capsys, "run", "analog.yaml", "--no-chart")
+    assert found.keys() == ABOUT | RUN
+    assert (found["cycle_s"], found["cycles"], found["files"]) == (None, 0, ["out/analog.nc"])
+
+
+def test_the_answer_of_run_without_a_prediction(capsys: pytest.CaptureFixture[str]) -> None:
+    Path("loop.yaml").write_text(PATCH.replace("* sample", "* sin(sample)"))
+    found = answer(capsys, "run", "loop.yaml", "--no-chart", "--until", "0.1 s")
+    assert found["prediction"] is None
+    assert found["prediction_note"].startswith("no prediction: loop.yaml:13: word 'word'")
+    assert found["cycles"] == 100
+
+
+def test_the_answer_of_predict(capsys: pytest.CaptureFixture[str]) -> None:
+    found = answer(capsys, "predict", "loop.yaml", "--set", "cycle=2 ms", "--machine", "ideal")
+    assert found.keys() == ABOUT | {"modes"}
+    assert (found["machine"], found["cycle_s"]) == ("ideal", 0.002)
+    assert found["parameters"]["cycle"] == "2 ms"
+    assert [m.keys() for m in found["modes"]] == [MODE]
+    found = answer(capsys, "predict", "loop.yaml", "--max-damping-error", "0.01")
+    assert found.keys() == ABOUT | {"modes", "max_damping_error", "max_cycle_s"}
+    assert 0.001 < found["max_cycle_s"] < 0.0014
+
+
+def test_the_answer_of_sweep(capsys: pytest.CaptureFixture[str]) -> None:
+    options = ("--over", "cycle=1 ms:2 ms:2", "--seed", "4", "--jobs", "1", "--out", "x/a.nc")
+    found = answer(capsys, "sweep", "loop.yaml", *options)
+    assert found.keys() == SWEEP
+    assert found["parameters"] == {"omega": "10 rad/s", "tall": "0.1 rad"}
+    assert (found["over"], found["seed"], found["serial"]) == ("cycle", 4, 1)
+    assert [p["value"] for p in found["points"]] == [0.001, 0.002]
+    for point in found["points"]:
+        assert point.keys() == POINT
+        assert point["readouts"]["mode"].keys() == TRANSIENT | ERRORS
+        assert point["modes"][0].keys() == MODE
+    assert found["files"] == ["x/a.nc", "x/a.png"]
+    with xr.open_dataset("x/a.nc") as data:
+        assert data["value_top"].attrs["units"] == "rad/s"
+
+
+def test_the_answer_of_check(capsys: pytest.CaptureFixture[str]) -> None:
+    found = answer(capsys, "check", "loop.yaml")
+    assert found.keys() == CHECK
+    for table, keys in ROWS.items():
+        assert found[table], table
+        assert all(row.keys() == keys for row in found[table]), table
+    assert found["converters"][0]["remark"] == "quantises and clips"
+
+
+def test_the_answer_of_list(capsys: pytest.CaptureFixture[str]) -> None:
+    found = answer(capsys, "list")
+    assert found.keys() == {"patches"}
+    assert [p["name"] for p in found["patches"]] == list(hybrid.shipped_patches())
+    for patch in found["patches"]:
+        assert patch.keys() == {"name", "title", "file"}
+        assert hybrid.read_patch(patch["file"]).title == patch["title"]
+
+
+def test_every_key_is_in_the_readme() -> None:
+    text = (Path(__file__).parent.parent / "README.md").read_text(encoding="utf-8")
+    section = text[text.index("### JSON") : text.index("## In Python")]
+    documented = set(re.findall(r"`([a-z_]+)`", section))
+    keys = ABOUT | RUN | MODE | CLOSED | ERRORS | TRANSIENT | OVERLOAD | SWEEP | POINT | CHECK
+    keys |= {"max_damping_error", "max_cycle_s", "patches", "name", "file"}
+    keys = keys.union(*ROWS.values())
+    assert keys <= documented, sorted(keys - documented)
+
+
+def test_every_option_is_in_the_readme(capsys: pytest.CaptureFixture[str]) -> None:
+    text = (Path(__file__).parent.parent / "README.md").read_text(encoding="utf-8")
+    for verb in ("run", "predict", "sweep", "check", "list", "schema"):
+        assert main([verb, "--help"]) == 0
+        for option in set(re.findall(r"--[a-z-]+", capsys.readouterr().out)) - {"--help"}:
+            assert option in text, (verb, option)
+
+
+# -- small things -----------------------------------------------------------------------------------
+
+
+def test_the_version(capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["--version"]) == 0
+    assert capsys.readouterr().out == f"hybrid {hybrid.__version__}\n"
+
+
+def test_the_list(capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["list"]) == 0
+    out = capsys.readouterr().out
+    for name, file in hybrid.shipped_patches().items():
+        assert re.search(rf"^{name} .*{re.escape(str(file))}", out, re.MULTILINE)
+
+
+def test_the_first_run_says_that_it_compiles(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], here: Path
+) -> None:
+    monkeypatch.setattr(kernel, "is_compiled", lambda: False)
+    assert main(["run", "loop.yaml", "--no-chart"]) == 0
+    assert capsys.readouterr().err == "hybrid: compiling the kernel, once after installation ...\n"
+    asked = "from hybrid.engine import kernel; print(kernel.is_compiled())"
+    fresh = {**os.environ, "NUMBA_CACHE_DIR": str(here / "cache")}
+    command = [sys.executable, "-c", asked]
+    done = subprocess.run(command, capture_output=True, timeout=60, check=True, env=fresh)
+    assert done.stdout == b"False\n"
+
+
+@pytest.mark.parametrize("verb", ["run", "sweep"])
+def test_a_folder_in_the_way(verb: str, capsys: pytest.CaptureFixture[str], here: Path) -> None:
+    (here / "out" / "loop.nc").mkdir(parents=True)
+    more = [] if verb == "run" else ["--over", "cycle=1:2:3", "--out", "out/loop.nc"]
+    assert main([verb, "loop.yaml", *more]) == 2
+    assert capsys.readouterr().err == (
+        "hybrid: cannot write out/loop.nc: a folder of that name is in the way\n"
+    )
+
+
+@pytest.mark.skipif(os.geteuid() == 0, reason="root may write everywhere")
+def test_a_folder_that_is_read_only(capsys: pytest.CaptureFixture[str], here: Path) -> None:
+    (here / "shut").mkdir(mode=0o500)
+    assert main(["run", "loop.yaml", "--out", "shut"]) == 2
+    assert "Permission denied" in capsys.readouterr().err
+
+
+# -- as a process of its own ------------------------------------------------------------------------
+
+
+def command(*arguments: str, module: str = "hybrid") -> list[str]:
+    return [sys.executable, "-m", module, *arguments]
+
+
+def hears_interrupts() -> None:
+    """A test started in the background ignores Ctrl-C, and so would its children."""
+    signal.signal(signal.SIGINT, signal.default_int_handler)
+
+
+def interrupted(arguments: Sequence[str], after_s: float) -> tuple[int, str, str]:
+    """Exit code, output and errors of a command that all of a terminal's Ctrl-C reaches."""
+    with subprocess.Popen(
+        command(*arguments),
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        start_new_session=True,
+        preexec_fn=hears_interrupts,
+        text=True,
+    ) as process:
+        time.sleep(after_s)
+        os.killpg(process.pid, signal.SIGINT)
+        out, err = process.communicate(timeout=60)
+    return process.returncode, out, err
+
+
+def until_computing(arguments: Sequence[str], file: str) -> tuple[str, float]:
+    """Interrupt later and later until there is something to keep; what was said, and how late."""
+    for after_s in (2.0, 4.0, 8.0, 16.0):
+        code, out, err = interrupted(arguments, after_s)
+        assert code == 130, (out, err)
+        assert "Traceback" not in err
+        if Path(file).exists():
+            return out, after_s
+        assert err == "hybrid: interrupted before there was a result; nothing written\n"
+    raise AssertionError("nothing was kept")
+
+
+def test_an_interrupted_run_keeps_its_record() -> None:
+    arguments = ["run", "loop.yaml", "--until", "1e5 s", "--no-chart", "--json"]
+    out, _ = until_computing(arguments, "out/loop.nc")
+    found = json.loads(out)
+    assert found["status"] == "interrupted"
+    assert 0 < found["cycles"] < 10**8
+    with xr.open_dataset("out/loop.nc") as record:
+        assert record.attrs["status"] == "interrupted"
+        assert record.attrs["status_note"].startswith("interrupted at ")
+        assert record["angle"].sizes["time"] > 1
+        assert float(record["time"][-1]) <= found["cycles"] * 0.001 + 1e-9
+    assert sorted(path.name for path in Path("out").iterdir()) == ["loop.nc"]
+
+
+@pytest.mark.parametrize(("count", "jobs"), [(30, "1"), (100, "2")])
+def test_an_interrupted_sweep_keeps_its_points(count: int, jobs: str) -> None:
+    over = f"cycle=0.02 ms:0.03 ms:{count}"
+    options = ["--set", "tall=0.2 rad", "--jobs", jobs, "--no-chart", "--json", "--out", "a.nc"]
+    Path("loop.yaml").write_text(PATCH.replace("until: 2 s", "until: 20 s, max_rows: 1000"))
+    out, _ = until_computing(["sweep", "loop.yaml", "--over", over, *options], "a.nc")
+    found = json.loads(out)
+    assert found["status"] == "interrupted"
+    assert 0 < len(found["points"]) < count
+    with xr.open_dataset("a.nc") as data:
+        assert data.attrs["status"] == "interrupted"
+        assert data.sizes["cycle"] == len(found["points"])
+        assert (data["status"] == "complete").all()
+    assert not [path for path in Path().iterdir() if path.name.startswith(".hybrid")]
+
+
+@pytest.mark.parametrize("after_s", [0.15, 0.3, 0.6])
+def test_an_early_interrupt_is_quiet(after_s: float) -> None:
+    code, out, err = interrupted(["run", "loop.yaml", "--until", "1e5 s"], after_s)
+    assert (code, "Traceback" in err) == (130, False), (out, err)
+
+
+@pytest.mark.parametrize("verb", ["run", "check", "list"])
+def test_a_reader_that_leaves(verb: str) -> None:
+    arguments = {"run": ["run", "loop.yaml", "--no-chart"], "check": ["check", "loop.yaml"]}
+    reading, writing = os.pipe()
+    os.close(reading)
+    called = command(*arguments.get(verb, [verb]))
+    done = subprocess.run(called, stdout=writing, stderr=subprocess.PIPE, timeout=60, check=False)
+    os.close(writing)
+    assert (done.returncode, done.stderr) == (0, b"")
+
+
+@pytest.mark.skipif(not Path("/dev/full").exists(), reason="needs /dev/full")
+@pytest.mark.parametrize("module", ["hybrid", "hybrid.cli"])
+def test_a_full_disk(module: str) -> None:
+    called = command("run", "loop.yaml", "--no-chart", module=module)
+    with Path("/dev/full").open("wb") as full:
+        done = subprocess.run(called, stdout=full, stderr=subprocess.PIPE, timeout=60, check=False)
+        mute = subprocess.run(command("run", "nowhere.yaml"), stderr=full, timeout=60, check=False)
+    assert (done.returncode, mute.returncode) == (2, 2)
+    assert done.stderr == b"hybrid: cannot write the answer: No space left on device\n"
+
+
+@pytest.mark.parametrize("arguments", [["list"], ["check", "loop.yaml"], ["list", "--json"]])
+def test_a_closed_output(arguments: list[str]) -> None:
+    shell = ["sh", "-c", 'exec "$@" >&-', "sh", *command(*arguments)]
+    done = subprocess.run(shell, stderr=subprocess.PIPE, timeout=60, check=False)
+    assert (done.returncode, done.stderr) == (0, b"")
+
+
+def test_a_terminal_without_letters() -> None:
+    Path("loop.yaml").write_text(PATCH.replace("title: Loop", "title: ω"), encoding="utf-8")
+    ascii_only = {**os.environ, "PYTHONIOENCODING": "ascii"}
+    for arguments in (["run", "loop.yaml"], ["run", "ω.yaml"]):
+        called = command(*arguments)
+        done = subprocess.run(called, capture_output=True, timeout=60, env=ascii_only, check=False)
+        assert done.returncode == (0 if "loop.yaml" in arguments else 2), done.stderr
+        assert b"Traceback" not in done.stderr
+        assert (done.stdout + done.stderr).isascii()
