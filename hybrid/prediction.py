@@ -107,7 +107,7 @@ def damping_error_of(value: float) -> float:
     """A permitted error of the damping ratio; raises RunError for what is none."""
     error = finite_number(value)
     if error is None or error <= 0:
-        raise RunError(f"the damping-ratio error must be a number above 0, not {shown(value)}")
+        raise RunError(f"the damping-ratio error must be above 0 and finite, not {shown(value)}")
     return error
 
 

@@ -79,9 +79,9 @@ class Point:
 
     @property
     def has_result(self) -> bool:
-        """Whether all of the point's readouts have figures (of a patch without any: it was run)."""
+        """Whether any of the point's readouts has figures (of a patch without any: it was run)."""
         reasons = [quantities.get("reason") for quantities in self.measured.values()]
-        return self.status != "failed" and not any(reasons)
+        return self.status != "failed" and not (reasons and all(reasons))
 
     @property
     def remarks(self) -> str:

@@ -142,7 +142,7 @@ def test_a_compiled_machine_is_as_it_is(loop) -> None:
 
 @pytest.mark.parametrize("error", ["x", True, 0, -1, float("nan")], ids=repr)
 def test_what_is_no_damping_error(error) -> None:
-    with pytest.raises(hybrid.RunError, match="number above 0"):
+    with pytest.raises(hybrid.RunError, match="must be above 0 and finite"):
         hybrid.predict("pitch_loop", max_damping_error=error)
 
 

@@ -65,8 +65,10 @@ def test_the_data_say_where_they_come_from(result, patch, tmp_path: Path) -> Non
 
 
 def test_points_without_a_result_are_counted(result, patch) -> None:
-    assert [p.has_result for p in result.points] == [False] * 3  # a decay is no oscillation
-    assert "3 of 3 points, 3 without a result" in repr(result)
+    alone = hybrid.parse_patch(PATCH.replace("  end: {final: x}\n  level: {rms: x}\n", ""))
+    for each, without in ((result, 0), (hybrid.sweep(alone, "rate", [1, 2, 3]), 3)):
+        assert [p.has_result for p in each.points] == [not without] * 3  # a decay does not swing
+        assert f"3 of 3 points, {without} without a result" in repr(each)
     assert result.points[0].remarks.startswith("mode: ")
     assert result.dataset["note"].values[0] == result.points[0].remarks
     plain = hybrid.parse_patch(PATCH.replace("  mode: {transient: x}\n", ""))
