@@ -263,7 +263,7 @@ def _why_not_less(machine: Machine, shortest_s: float, fastest: float) -> str:
         or shortest_s * fastest > 1.001e-6
     ):
         return ": lags, gain errors, and compute and conversion times in seconds alone exceed it"
-    return "; of a still shorter one rounding would hide it, so ask for a larger error"
+    return "; shorter ones are not tried, as rounding comes to rule there; ask for a larger error"
 
 
 def _shortest_cycle_s(machine: Machine, period_s: float) -> float:
