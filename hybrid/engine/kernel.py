@@ -24,9 +24,9 @@ Ints = npt.NDArray[np.int64]
 class Score(NamedTuple):
     """The cues of one segment, a row each: what to do, to which, and the number of its instant.
 
-    ADVANCE: the propagator that leads to the next instant; SAMPLE, CONVERT: the ADC; START, END: a
-    program; LATCH: the DAC; SOURCE: the step source; RECORD: a row of the record. LOOK follows what
-    makes signals jump.
+    ADVANCE: the propagator that leads to the next instant; SAMPLE, CONVERT: the ADC, TAKE: both at once;
+    START, END: a program; LATCH: the DAC; SOURCE: the step source; RECORD: a row of the record. LOOK
+    follows what makes signals jump.
     """
 
     cues: npt.NDArray[np.int32]  # (cues, 3)
@@ -88,7 +88,7 @@ class State(NamedTuple):
 
 
 # What a cue asks for.
-ADVANCE, SAMPLE, CONVERT, START, END, LATCH, SOURCE, LOOK, RECORD = range(9)
+ADVANCE, SAMPLE, CONVERT, TAKE, START, END, LATCH, SOURCE, LOOK, RECORD = range(10)
 
 # Operations of the tape, as plain numbers for the compiler.
 COPY, ADD, SUB, MUL, DIV, POW, NEG = (
@@ -216,11 +216,15 @@ def note_overload(
 @compiled
 def watch(
     signal: Ints, v: Floats, notes: Ints, values: Floats, repeat: int, at: int, last: int
-) -> None:
-    """Note every analog signal that is beyond full scale."""
+) -> bool:
+    """Note every analog signal that is beyond full scale; whether one of v has run away."""
     for s in range(signal.shape[0]):
         if abs(v[signal[s]]) > 1.0:
             note_overload(notes, values, s, v[signal[s]], repeat, at, last)
+    lost = False
+    for x in v:
+        lost |= not abs(x) <= RUNAWAY_MU
+    return lost
 
 
 @compiled
@@ -234,14 +238,13 @@ def play(
     normals: Floats,
     rows: Floats,
     keep_every: int,
-    last_repeat: int,
-    most_cues: int,
+    stop_repeat: int,
+    stop_cue: int,
 ) -> int:
-    """Play the segment's cues from (counts[REPEAT], counts[CUE]) on.
+    """Play the segment's cues from (counts[REPEAT], counts[CUE]) up to (stop_repeat, stop_cue).
 
-    Stops before repeat `last_repeat`, or after `most_cues` cues; returns why (DONE, PAUSED, RUNAWAY,
-    NOT_FINITE). `normals` must hold enough draws for that, from counts[DRAWS] on; every
-    `keep_every`-th row of the record is kept, in `rows`.
+    Returns why it ended (PAUSED, RUNAWAY, NOT_FINITE). `normals` must hold enough draws for that, from
+    counts[DRAWS] on; every `keep_every`-th row of the record is kept, in `rows`.
     """
     # Plain names, and no calls with arrays on the common path: both would count references.
     cues = score.cues
@@ -259,108 +262,109 @@ def play(
     skip, row, drawn = count[SKIP], count[ROWS], count[DRAWS]
     repeat, at, last = count[REPEAT], count[CUE], cues[cues.shape[0] - 1, 2]
     outcome = PAUSED
-    for _ in range(most_cues):
-        if at == cues.shape[0]:
+    while outcome == PAUSED and (repeat < stop_repeat or (repeat == stop_repeat and at < stop_cue)):
+        end = cues.shape[0] if repeat < stop_repeat else stop_cue
+        while at < end:
+            i = cues[at, 1]
+            cue = cues[at, 0]
+            if cue == ADVANCE:
+                for j in range(draws[i]):
+                    v[draws_at + j] = normals[drawn + j]
+                drawn += draws[i]
+                for block in range(blocks):
+                    a, b, c, d, e, f, g, h = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
+                    for j in range(columns):
+                        x = v[column_at + j]
+                        a += change[i, block, j, 0] * x
+                        b += change[i, block, j, 1] * x
+                        c += change[i, block, j, 2] * x
+                        d += change[i, block, j, 3] * x
+                        e += change[i, block, j, 4] * x
+                        f += change[i, block, j, 5] * x
+                        g += change[i, block, j, 6] * x
+                        h += change[i, block, j, 7] * x
+                    k = 8 * block
+                    next_v[k], next_v[k + 1], next_v[k + 2], next_v[k + 3] = a, b, c, d
+                    next_v[k + 4], next_v[k + 5], next_v[k + 6], next_v[k + 7] = e, f, g, h
+                within = 0
+                for k in range(inputs_at):
+                    x = kept[k] * v[k] + next_v[k]
+                    v[k] = x
+                    within += abs(x) <= 1.0
+                if within < inputs_at and watch(
+                    signal, v, notes, values, repeat, cues[at, 2], last
+                ):
+                    outcome = RUNAWAY
+                    break
+            elif cue == SAMPLE:
+                sample[i] = v[adc[i, 0]]
+            elif cue in (TAKE, CONVERT):
+                if cue == TAKE:
+                    sample[i] = v[adc[i, 0]]
+                value, limit = sample[i], adc_figures[i, 1]
+                if abs(value) > limit:
+                    note_overload(notes, values, signals + i, value, repeat, cues[at, 2], last)
+                word = convert(value, limit, adc_figures[i, 2], adc_figures[i, 3])
+                registers[adc[i, 1]] = word * adc_figures[i, 0]
+            elif cue == START:
+                run_tape(code, registers)
+                for w in range(word_registers.shape[0]):
+                    ring[started, w] = registers[word_registers[w]]
+                for m in range(memory.shape[0]):
+                    registers[memory[m, 0]] = registers[memory[m, 1]]
+                started = started + 1 if started + 1 < depth else 0
+            elif cue == END:
+                for w in range(words.shape[0]):
+                    words[w] = ring[ended, w]
+                    if not math.isfinite(words[w]):
+                        outcome = NOT_FINITE
+                if outcome != PAUSED:
+                    break
+                ended = ended + 1 if ended + 1 < depth else 0
+            elif cue in (LATCH, SOURCE):
+                if cue == LATCH:
+                    held = dac[i, 1]
+                    value = words[dac[i, 0]] * dac_figures[i, 0]
+                    if not abs(value) <= RUNAWAY_MU:
+                        outcome = RUNAWAY
+                    if abs(value) > 1.0:
+                        row_of = signals + adcs + i
+                        note_overload(notes, values, row_of, value, repeat, cues[at, 2], last)
+                    value = convert(value, 1.0, dac_figures[i, 1], dac_figures[i, 2])
+                else:
+                    held = steps[i]
+                    value = step_values[i]
+                for s in range(sums):
+                    v[sums_at + s] += reach[held, s] * (value - v[inputs_at + held])
+                v[inputs_at + held] = value
+                if outcome != PAUSED:
+                    break
+            elif cue == LOOK:
+                beyond = 0
+                for s in range(sums_at, column_at):
+                    beyond += abs(v[s]) > 1.0
+                if beyond > 0:
+                    watch(signal, v, notes, values, repeat, cues[at, 2], last)
+            else:
+                if skip == 0:
+                    for p in range(source.shape[0]):
+                        which = source[p, 1]
+                        if source[p, 0] == 0:
+                            value = v[which]
+                        elif source[p, 0] == 1:
+                            value = registers[which]
+                        else:
+                            value = words[which]
+                        rows[row, p] = value * factor[p]
+                    row += 1
+                    skip = keep_every
+                skip -= 1
+            at += 1
+        if outcome == PAUSED and at == cues.shape[0]:
             at = 0
             repeat += 1
-        if repeat >= last_repeat:
-            break
-        i = cues[at, 1]
-        cue = cues[at, 0]
-        if cue == ADVANCE:
-            for j in range(draws[i]):
-                v[draws_at + j] = normals[drawn + j]
-            drawn += draws[i]
-            beyond, lost = 0, 0
-            for block in range(blocks):
-                a, b, c, d, e, f, g, h = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
-                for j in range(columns):
-                    x = v[column_at + j]
-                    a += change[i, block, j, 0] * x
-                    b += change[i, block, j, 1] * x
-                    c += change[i, block, j, 2] * x
-                    d += change[i, block, j, 3] * x
-                    e += change[i, block, j, 4] * x
-                    f += change[i, block, j, 5] * x
-                    g += change[i, block, j, 6] * x
-                    h += change[i, block, j, 7] * x
-                k = 8 * block
-                next_v[k], next_v[k + 1], next_v[k + 2], next_v[k + 3] = a, b, c, d
-                next_v[k + 4], next_v[k + 5], next_v[k + 6], next_v[k + 7] = e, f, g, h
-            for k in range(inputs_at):
-                x = kept[k] * v[k] + next_v[k]
-                v[k] = x
-                beyond += abs(x) > 1.0
-                lost += not abs(x) <= RUNAWAY_MU
-            if beyond > 0:
-                watch(signal, v, notes, values, repeat, cues[at, 2], last)
-            if lost > 0:
-                outcome = RUNAWAY
-                break
-        elif cue == SAMPLE:
-            sample[i] = v[adc[i, 0]]
-        elif cue == CONVERT:
-            value, limit = sample[i], adc_figures[i, 1]
-            if abs(value) > limit:
-                note_overload(notes, values, signals + i, value, repeat, cues[at, 2], last)
-            word = convert(value, limit, adc_figures[i, 2], adc_figures[i, 3])
-            registers[adc[i, 1]] = word * adc_figures[i, 0]
-        elif cue == START:
-            run_tape(code, registers)
-            for w in range(word_registers.shape[0]):
-                ring[started, w] = registers[word_registers[w]]
-            for m in range(memory.shape[0]):
-                registers[memory[m, 0]] = registers[memory[m, 1]]
-            started = started + 1 if started + 1 < depth else 0
-        elif cue == END:
-            for w in range(words.shape[0]):
-                words[w] = ring[ended, w]
-                if not math.isfinite(words[w]):
-                    outcome = NOT_FINITE
-            ended = ended + 1 if ended + 1 < depth else 0
-        elif cue in (LATCH, SOURCE):
-            if cue == LATCH:
-                held = dac[i, 1]
-                value = words[dac[i, 0]] * dac_figures[i, 0]
-                if not abs(value) <= RUNAWAY_MU:
-                    outcome = RUNAWAY
-                if abs(value) > 1.0:
-                    row_of = signals + adcs + i
-                    note_overload(notes, values, row_of, value, repeat, cues[at, 2], last)
-                value = convert(value, 1.0, dac_figures[i, 1], dac_figures[i, 2])
-            else:
-                held = steps[i]
-                value = step_values[i]
-            for s in range(sums):
-                v[sums_at + s] += reach[held, s] * (value - v[inputs_at + held])
-            v[inputs_at + held] = value
-        elif cue == LOOK:
-            beyond = 0
-            for s in range(sums_at, column_at):
-                beyond += abs(v[s]) > 1.0
-            if beyond > 0:
-                watch(signal, v, notes, values, repeat, cues[at, 2], last)
-        else:
-            if skip == 0:
-                for p in range(source.shape[0]):
-                    which = source[p, 1]
-                    if source[p, 0] == 0:
-                        value = v[which]
-                    elif source[p, 0] == 1:
-                        value = registers[which]
-                    else:
-                        value = words[which]
-                    rows[row, p] = value * factor[p]
-                row += 1
-                skip = keep_every
-            skip -= 1
-        if outcome != PAUSED:
-            break
-        at += 1
     count[STARTED], count[ENDED], count[SKIP] = started, ended, skip
     count[ROWS], count[DRAWS], count[REPEAT], count[CUE] = row, drawn, repeat, at
-    if outcome == PAUSED and repeat >= last_repeat:
-        return DONE
     return outcome
 
 

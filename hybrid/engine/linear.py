@@ -95,10 +95,9 @@ class Player:
             normals,
             self.rows,
             self.keep_every,
-            segment.repeats,
-            most_cues,
+            *self._position(most_cues),
         )
-        if outcome == kernel.DONE:
+        if outcome == kernel.PAUSED and self.state.counts[kernel.REPEAT] == segment.repeats:
             self._next_segment(segment)
             outcome = kernel.DONE if self.segment == len(self.scores) else kernel.PAUSED
         self.outcome = outcome
@@ -141,6 +140,12 @@ class Player:
         per_repeat = max(int(self._draws[self.segment][-1]), 1)
         repeats = max(1, min(CHUNK_DRAWS // per_repeat, CHUNK_CUES // cues))
         return repeats * cues
+
+    def _position(self, most_cues: int) -> tuple[int, int]:
+        """Repeat and cue of the present segment that is `most_cues` further on, or its end."""
+        count, cues = self.state.counts, len(self.scores[self.segment].cues)
+        at = int(count[kernel.REPEAT]) * cues + int(count[kernel.CUE]) + most_cues
+        return divmod(min(at, self.timeline.segments[self.segment].repeats * cues), cues)
 
     def _draws_needed(self, segment: Segment, most_cues: int) -> int:
         """Exact number of draws of the next `most_cues` cues, so that none is wasted."""
@@ -213,17 +218,16 @@ _CUES = {
     Happening.SOURCE: kernel.SOURCE,
     Happening.RECORD: kernel.RECORD,
 }
+Cue = tuple[int, int, int]  # what, which, instant
 _JUMPS = (Happening.LATCH, Happening.SOURCE)
 
 
-def _cues(
-    segment: Segment, numbers: dict[int, int], looks: bool
-) -> tuple[list[tuple[int, int, int]], list[int]]:
+def _cues(segment: Segment, numbers: dict[int, int], looks: bool) -> tuple[list[Cue], list[int]]:
     """The cues of a segment, and the offsets of its instants in ticks.
 
     numbers: of the intervals met so far, which this adds to; looks: whether signals can jump.
     """
-    cues: list[tuple[int, int, int]] = []
+    cues: list[Cue] = []
     offsets = [0]
     jumped = False
     for offset, kind, index in segment.events:
@@ -241,7 +245,18 @@ def _cues(
             jumped = looks and kind in _JUMPS
     if not cues:  # a stretch of no length in which nothing happens
         cues.append((kernel.LOOK, 0, 0))
-    return cues, offsets
+    return _at_once(cues), offsets
+
+
+def _at_once(cues: list[Cue]) -> list[Cue]:
+    """A sample that is converted at the same instant is taken by one cue."""
+    converted = {cue[1:] for cue in cues if cue[0] == kernel.CONVERT}
+    both = {cue[1:] for cue in cues if cue[0] == kernel.SAMPLE} & converted
+    taken = [
+        (kernel.TAKE, *cue[1:]) if cue[0] == kernel.SAMPLE and cue[1:] in both else cue
+        for cue in cues
+    ]
+    return [cue for cue in taken if cue[0] != kernel.CONVERT or cue[1:] not in both]
 
 
 def _sums(machine: Machine) -> tuple[int, ...]:
