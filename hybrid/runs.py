@@ -23,7 +23,7 @@ from hybrid.machine import Floats, Machine, Pen
 from hybrid.patch import Readout
 from hybrid.readout import FEWEST_ROWS_PER_CYCLE, READOUTS
 from hybrid.record import Parts, full_scales, pens_for, record_parts, signal_units
-from hybrid.scale import to_seconds
+from hybrid.scale import row_times_s, to_seconds, to_ticks
 from hybrid.timeline import build_timeline
 
 if TYPE_CHECKING:
@@ -142,7 +142,7 @@ def run(
         note,
         rows_note,
         pens,
-        np.arange(len(player.record), dtype=np.float64) * every_s,
+        row_times_s(len(player.record), compiled.timing.every * keep_every),
         player.record,
         _overloads(compiled, player.overloads()),
     )
@@ -305,8 +305,9 @@ def _window(readout: Readout, scope: Mapping[str, float], result: Run) -> tuple[
     A transient is read up to the first overload on a machine that clips: after that the loop is no
     longer the one that was patched.
     """
-    start_s = readout.start.number(scope) if readout.start else 0.0
-    end_s = readout.end.number(scope) if readout.end else np.inf
+    # Through ticks, as the rows' times are, so that 3 * 0.1 s names the row at 0.3 s.
+    start_s = to_seconds(to_ticks(readout.start.number(scope))) if readout.start else 0.0
+    end_s = to_seconds(to_ticks(readout.end.number(scope))) if readout.end else np.inf
     first = int(np.searchsorted(result.time_s, start_s, side="left"))
     last = int(np.searchsorted(result.time_s, end_s, side="right"))
     clipped = _first_clip(readout, result)

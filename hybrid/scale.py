@@ -7,7 +7,11 @@ removes the last-digit noise of arithmetic such as 3 * (T / 3), which must equal
 
 from __future__ import annotations
 
+import math
 from decimal import ROUND_HALF_EVEN, Decimal
+
+import numpy as np
+import numpy.typing as npt
 
 TICKS_PER_SECOND = 10**15
 
@@ -21,3 +25,12 @@ def to_ticks(duration_s: float) -> int:
 def to_seconds(ticks: int) -> float:
     """Ticks -> the float nearest to the exact time in s."""
     return ticks / TICKS_PER_SECOND
+
+
+def row_times_s(rows: int, every_ticks: int) -> npt.NDArray[np.float64]:
+    """`to_seconds(k * every_ticks)` for k = 0, 1, ..., (rows,): each the float nearest to its time."""
+    shared = math.gcd(every_ticks, TICKS_PER_SECOND)
+    numerator, denominator = every_ticks // shared, TICKS_PER_SECOND // shared
+    if numerator * rows <= 2**53:  # both exact as floats, so the quotient is rounded once
+        return np.arange(rows) * float(numerator) / denominator
+    return np.array([to_seconds(k * every_ticks) for k in range(rows)])

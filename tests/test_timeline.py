@@ -9,10 +9,11 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+import hybrid
 from hybrid.errors import PatchError
 from hybrid.machine import Holder, Sampler, StepEvent, Timing
 from hybrid.patchfile import parse_patch
-from hybrid.scale import TICKS_PER_SECOND, to_seconds, to_ticks
+from hybrid.scale import TICKS_PER_SECOND, row_times_s, to_seconds, to_ticks
 from hybrid.timeline import Happening, build_timeline
 
 MS = TICKS_PER_SECOND // 1000
@@ -381,3 +382,29 @@ run: {until: 5 s}
 """
     # The first result, 1, is there after one cycle.
     np.testing.assert_array_equal(play(text)["n"], [0, 1, 2, 3, 4, 5])
+
+
+@pytest.mark.parametrize("every_s", [0.1, 1e-3, 1.3e-3, 1 / 3, 1.234567890123457e-3, 7e3])
+def test_rows_are_at_the_nearest_floats(every_s):
+    ticks = to_ticks(every_s)
+    times_s = row_times_s(5000, ticks)
+    assert times_s.tolist() == [to_seconds(k * ticks) for k in range(5000)]
+
+
+def test_a_window_ends_with_the_row_at_its_end():
+    text = """
+title: A ramp that is read in parts
+machine: ideal
+analog:
+  one: {constant: 1, full_scale: 1}
+  ramp: {integrate: {one: 1 1/s}, initial: 0, full_scale: 2}
+run: {until: 1 s, every: 0.1 s}
+readouts:
+"""
+    parts = "".join(f"  r{k}: {{final: ramp, until: {k / 10} s}}\n" for k in range(1, 11))
+    parts += "".join(f"  s{k}: {{minimum: ramp, from: 0.{k} s}}\n" for k in range(1, 10))
+    readouts = hybrid.run(hybrid.parse_patch(text + parts)).readouts
+    for k in range(1, 11):
+        assert readouts[f"r{k}"]["time_s"] == k / 10
+    for k in range(1, 10):
+        assert readouts[f"s{k}"]["time_s"] == float(f"0.{k}")
