@@ -1,0 +1,331 @@
+"""A flat description of an analog circuit: one row for each element, in the order they are computed.
+
+Stage 4. Every parameter is data, so the kernel is compiled once. Figures are in machine units (1 is full
+scale) and seconds; `elements` says what an element computes.
+
+What is not smooth is cut into pieces. An element with a corner has a list of pieces, each a parabola in
+the guarded quantity that is valid between two bounds; inside a window the piece is fixed, so everything
+is smooth there. Bounds of neighbouring pieces overlap where there is hysteresis.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from graphlib import TopologicalSorter
+from typing import Any, NamedTuple
+
+import numpy as np
+import numpy.typing as npt
+from scipy.sparse import csr_array
+from scipy.sparse.csgraph import connected_components
+
+from hybrid.elements import (
+    INPUT,
+    INTEGRATE,
+    PIECES,
+    PRODUCT,
+    QUOTIENT,
+    SINE,
+    SUM,
+    SWITCH,
+    TRACK,
+    Element,
+    limit_pieces,
+)
+from hybrid.engine.kernel import Floats, Ints
+
+# Columns of Circuit.rows: kind; terms FIRST to SECOND make u, SECOND to END make w; the element that
+# controls a switch or store (of INPUT: its place in State.held); rows in laws of the integrator and of
+# the lag; corners of the function and of the saturation; 1 where an element computed earlier reads
+# this one. -1: none.
+KIND, FIRST, SECOND, END, CONTROL, LAW, LAG, CORNER, STOP, TEAR = range(10)
+# Columns of Circuit.figures; the last three depend on the kind.
+CONSTANT, SECOND_CONSTANT, GAIN, OFFSET = 0, 1, 2, 3
+AMPLITUDE, OMEGA, PHASE = 4, 5, 6  # of SINE
+EXPONENT = 4  # of POWER
+FEEDBACK = 4  # of INTEGRATE
+# Columns of Circuit.corners: element, what is guarded, range of rows in pieces.
+OWNER, ROLE, FIRST_PIECE, END_PIECE = 0, 1, 2, 3
+
+# Columns of Circuit.pieces: valid from LOW to HIGH of the guarded quantity g, where the function is
+# c0 + c1 (g - AT) + c2 (g - AT)^2.
+LOW, HIGH, AT, C0, C1, C2 = range(6)
+
+# What a corner guards: the sum u, the figure before saturation, or a limited integrator.
+OF_SUM, OF_OUTPUT, OF_INTEGRATOR = 0, 1, 2
+
+
+class Circuit(NamedTuple):
+    """n elements in computing order; the signal of an element has its number.
+
+    Elements [0, heads) depend on no signal of a loop, [heads, cores) are swept until they agree,
+    [cores, n) drive nothing that is in a loop.
+    """
+
+    rows: Ints  # (n, 10): see the columns above
+    figures: Floats  # (n, 7): see the columns above
+    signal: npt.NDArray[np.uint64]  # (terms,); unsigned: a sign would be looked at each time
+    gain: Floats  # (terms,)
+    laws: Floats  # (laws, 2): y' = drive * v - rate * y as (rate, drive), 1/s
+    taus_s: Floats  # distinct times of decay, ascending: the boundary layers after a jump
+    corners: Ints  # (corners, 4): see the columns above
+    pieces: Floats  # (pieces, 6): see the columns above
+    ranges: Ints  # (2,): heads, cores
+    initial: (
+        Floats  # (n, 2): integrator's state or what a store holds; lagged output (nan: settled)
+    )
+    initial_piece: Ints  # (corners,)
+
+
+class Builder:
+    """Collects elements by name and lays them out as a `Circuit`.
+
+    `errors` are the fields of `Element` that any of them may have: gain (1 plus its error), offset,
+    saturation, lag_s, initial_output.
+    """
+
+    def __init__(self) -> None:
+        """Start with no elements."""
+        self.elements: dict[str, Element] = {}
+        self.inputs: list[str] = []
+
+    def add(self, name: str, element: Element) -> None:
+        """Add an element whose output is the signal `name`."""
+        if name in self.elements:
+            raise ValueError(f"{name} is driven twice")
+        self.elements[name] = element
+
+    def input(self, name: str, **errors: Any) -> None:
+        """A figure held by the caller between instants: State.held, in the order of these calls."""
+        self.inputs.append(name)
+        self.add(name, Element(INPUT, **errors))
+
+    def sine(
+        self, name: str, amplitude: float, omega: float, phase: float = 0.0, **errors: Any
+    ) -> None:
+        """amplitude * sin(omega * t + phase), omega in rad/s."""
+        self.add(name, Element(SINE, figures=(amplitude, omega, phase), **errors))
+
+    def sum(self, name: str, of: Mapping[str, float], constant: float = 0.0, **errors: Any) -> None:
+        """Sum of gains * signals + constant."""
+        self.add(name, Element(SUM, of, constant, **errors))
+
+    def integrate(
+        self,
+        name: str,
+        of: Mapping[str, float],
+        initial: float = 0.0,
+        constant: float = 0.0,
+        feedback: float = 0.0,
+        limits: tuple[float, float] | None = None,
+        **errors: Any,
+    ) -> None:
+        """x' = gains * signals + constant + feedback * x, gains in 1/s; stopped at its limits."""
+        figures = (feedback,)
+        element = Element(
+            INTEGRATE, of, constant, figures=figures, limits=limits, initial=initial, **errors
+        )
+        self.add(name, element)
+
+    def product(
+        self, name: str, of: Mapping[str, float], by: Mapping[str, float], **errors: Any
+    ) -> None:
+        """Product of two sums."""
+        self.add(name, Element(PRODUCT, of, second=by, **errors))
+
+    def quotient(
+        self, name: str, of: Mapping[str, float], by: Mapping[str, float], **errors: Any
+    ) -> None:
+        """Quotient of two sums."""
+        self.add(name, Element(QUOTIENT, of, second=by, **errors))
+
+    def function(
+        self, name: str, kind: int, of: Mapping[str, float], exponent: float = 0.0, **errors: Any
+    ) -> None:
+        """SQRT (0 below 0), SIN, COS, or POWER: sign(u) |u|^exponent."""
+        self.add(name, Element(kind, of, figures=(exponent,), **errors))
+
+    def piecewise(
+        self,
+        name: str,
+        of: Mapping[str, float],
+        pieces: Sequence[tuple[float, ...]],
+        constant: float = 0.0,
+        initial_piece: int = 0,
+        **errors: Any,
+    ) -> None:
+        """A function of a sum, in pieces: see `abs_pieces` and those beside it."""
+        element = Element(
+            PIECES, of, constant, pieces=pieces, initial_piece=initial_piece, **errors
+        )
+        self.add(name, element)
+
+    def switch(
+        self,
+        name: str,
+        on: Mapping[str, float],
+        off: Mapping[str, float],
+        control: str,
+        **errors: Any,
+    ) -> None:
+        """The sum `on` while `control` is high, else `off`.
+
+        A comparator is high in its upper piece, any other signal above 1/2 right after a jump.
+        """
+        self.add(name, Element(SWITCH, on, second=off, control=control, **errors))
+
+    def track(
+        self,
+        name: str,
+        of: Mapping[str, float],
+        control: str,
+        initial: float = 0.0,
+        **errors: Any,
+    ) -> None:
+        """Follows the sum while `control` is high, else holds what it was."""
+        self.add(name, Element(TRACK, of, control=control, initial=initial, **errors))
+
+    def build(self) -> tuple[Circuit, dict[str, int]]:
+        """The circuit, and the number of each signal."""
+        order, ranges = computing_order(self.elements)
+        return lay_out(self.elements, self.inputs, order, ranges), {
+            n: i for i, n in enumerate(order)
+        }
+
+
+def computing_order(elements: Mapping[str, Element]) -> tuple[list[str], tuple[int, int]]:
+    """Names such that few signals are read before they are computed, and those all remember.
+
+    Loops are cut at one integrator, or else at one lag, until none is left; then every element follows
+    those it reads. Returns the order and how many elements come before and up to the end of the loops.
+    """
+    names = list(elements)
+    place = {name: i for i, name in enumerate(names)}
+    edges = {(place[r], place[n]) for n in names for r in elements[n].reads()}
+    loops = [g for g in _groups(len(names), edges) if len(g) > 1 or (g[0], g[0]) in edges]
+    looped = {i for g in loops for i in g}
+    kept, torn = set(edges), set[int]()
+    while loops:
+        group = loops.pop()
+        cut = min(group, key=lambda i: (_rank(elements[names[i]]), -_fan(kept, i, group), i))
+        if not elements[names[cut]].remembers():
+            raise ValueError(
+                f"a loop without integrator or lag: {', '.join(names[i] for i in group)}"
+            )
+        kept = {(a, b) for a, b in kept if a != cut or b not in group}
+        torn.add(cut)
+        inside = {(a, b) for a, b in kept if a in group and b in group}
+        loops += [g for g in _groups(len(names), inside) if len(g) > 1 or (g[0], g[0]) in inside]
+    before, after = _reach(edges, looped, 0), _reach(edges, looped, 1)
+    section = [0 if i not in after else 2 if i not in before else 1 for i in range(len(names))]
+    readers = {i: sorted(a for a, b in kept if b == i) for i in range(len(names))}
+    ordered = sorted(TopologicalSorter(readers).static_order(), key=lambda i: section[i])
+    heads, cores = section.count(0), section.count(0) + section.count(1)
+    return [names[i] for i in ordered], (heads, cores)
+
+
+def _rank(element: Element) -> int:
+    return 0 if element.kind == INTEGRATE else 1 if element.remembers() else 2
+
+
+def _fan(edges: set[tuple[int, int]], i: int, group: Sequence[int]) -> int:
+    return sum(a == i and b in group for a, b in edges)
+
+
+def _groups(n: int, edges: set[tuple[int, int]]) -> list[list[int]]:
+    """Strongly connected groups of the numbers below n."""
+    matrix = csr_array(
+        (np.ones(len(edges)), ([a for a, _ in edges], [b for _, b in edges])), shape=(n, n)
+    )
+    _, label = connected_components(matrix, connection="strong")
+    groups: dict[int, list[int]] = {}
+    for i in range(n):
+        groups.setdefault(int(label[i]), []).append(i)
+    return list(groups.values())
+
+
+def _reach(edges: set[tuple[int, int]], seeds: set[int], way: int) -> set[int]:
+    """Seeds and all from which they can be reached (way 0) or that they reach (way 1)."""
+    found = set(seeds)
+    while True:
+        more = {edge[way] for edge in edges if edge[1 - way] in found} - found
+        if not more:
+            return found
+        found |= more
+
+
+def lay_out(
+    elements: Mapping[str, Element],
+    inputs: Sequence[str],
+    order: Sequence[str],
+    ranges: tuple[int, int],
+) -> Circuit:
+    """The rows of a `Circuit` for elements in this order."""
+    place = {name: i for i, name in enumerate(order)}
+    row = [elements[name] for name in order]
+    laws: dict[tuple[float, float], int] = {}
+    corners: list[tuple[int, int, Sequence[tuple[float, ...]], int]] = []
+    rows, figures = np.full((len(row), 10), -1), np.zeros((len(row), 7))
+    for i, (name, e) in enumerate(zip(order, row, strict=True)):
+        rows[i, KIND], rows[i, CONTROL] = e.kind, _control(name, e, inputs, place)
+        figures[i, :4] = e.constant, e.second_constant, e.gain, e.offset
+        figures[i, 4 : 4 + len(e.figures)] = e.figures
+        if e.kind == INTEGRATE:
+            rows[i, LAW] = laws.setdefault((-figures[i, FEEDBACK], 1.0), len(laws))
+            limits = _integrator_limits(e)
+            if limits is not None:
+                rows[i, CORNER] = len(corners)
+                corners.append((i, OF_INTEGRATOR, _integrator_pieces(*limits), 1))
+        elif e.kind == PIECES:
+            rows[i, CORNER] = len(corners)
+            corners.append((i, OF_SUM, e.pieces, e.initial_piece))
+        if math.isfinite(e.saturation) and e.kind != INTEGRATE:
+            rows[i, STOP] = len(corners)
+            corners.append((i, OF_OUTPUT, limit_pieces(-e.saturation, e.saturation), 1))
+        if e.lag_s > 0.0:
+            rows[i, LAG] = laws.setdefault((1.0 / e.lag_s, 1.0 / e.lag_s), len(laws))
+        rows[i, TEAR] = any(name in other.reads() for other in row[: i + 1])
+    sums = [terms for e in row for terms in (e.first, e.second)]
+    ends = np.cumsum([0] + [len(terms) for terms in sums])
+    rows[:, FIRST], rows[:, SECOND], rows[:, END] = ends[:-1:2], ends[1::2], ends[2::2]
+    piece_ends = np.cumsum([0] + [len(c[2]) for c in corners])
+    return Circuit(
+        rows,
+        figures,
+        np.array([place[name] for terms in sums for name in terms], dtype=np.uint64),
+        np.array([gain for terms in sums for gain in terms.values()], dtype=float),
+        np.array(list(laws), dtype=float).reshape(-1, 2),
+        np.array(sorted({1.0 / rate for rate, _ in laws if rate > 0.0})),
+        np.array(
+            [(c[0], c[1], piece_ends[k], piece_ends[k + 1]) for k, c in enumerate(corners)],
+            dtype=np.int64,
+        ).reshape(-1, 4),
+        np.array([p for c in corners for p in c[2]], dtype=float).reshape(-1, 6),
+        np.array(ranges),
+        np.array([(e.initial, e.initial_output) for e in row]).reshape(-1, 2),
+        np.array([c[3] for c in corners], dtype=np.int64),
+    )
+
+
+def _control(name: str, element: Element, inputs: Sequence[str], place: Mapping[str, int]) -> int:
+    if element.kind == INPUT:
+        return inputs.index(name)
+    return -1 if element.control is None else place[element.control]
+
+
+def _integrator_limits(element: Element) -> tuple[float, float] | None:
+    """Bounds of the state: its own, or those at which the output saturates."""
+    if element.limits is not None or not math.isfinite(element.saturation):
+        return element.limits
+    ends = [(s * element.saturation - element.offset) / element.gain for s in (-1.0, 1.0)]
+    return min(ends), max(ends)
+
+
+def _integrator_pieces(low: float, high: float) -> list[tuple[float, ...]]:
+    """At its lower limit and free to leave once driven up, between the limits, at its upper limit."""
+    return [
+        (-math.inf, 0.0, 0.0, low, 0.0, 0.0),
+        (low, high, 0.0, 0.0, 1.0, 0.0),
+        (0.0, math.inf, 0.0, high, 0.0, 0.0),
+    ]

@@ -1,0 +1,293 @@
+"""Pieces of what is not smooth: which one holds at an instant, and when a window leaves it.
+
+Stage 4. Inside a window pieces do not change. Where a guarded quantity leaves the bounds of its piece
+the window is cut, the neighbouring piece takes over and integration starts anew.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+
+from hybrid.elements import INPUT, INTEGRATE, PIECES, SINE, SUM, SWITCH, TRACK
+from hybrid.engine.circuit import (
+    AMPLITUDE,
+    C0,
+    CONSTANT,
+    CONTROL,
+    CORNER,
+    END,
+    END_PIECE,
+    EXPONENT,
+    FEEDBACK,
+    FIRST,
+    FIRST_PIECE,
+    GAIN,
+    HIGH,
+    KIND,
+    LAG,
+    LOW,
+    OF_INTEGRATOR,
+    OFFSET,
+    OMEGA,
+    OWNER,
+    PHASE,
+    ROLE,
+    SECOND,
+    SECOND_CONSTANT,
+    STOP,
+    Circuit,
+)
+from hybrid.engine.kernel import Floats, Ints, compiled
+from hybrid.engine.nodes import Nodes
+from hybrid.engine.sweep import BEFORE, DRIVE, EVENTS, State, X, function_of, is_high, piece_of
+
+# A quantity counts as outside a piece once it is this far out, in machine units: more than rounding
+# leaves at an instant that was located, less than anybody measures. The first is for the instant after
+# a jump or an event, the second for nodes of a window.
+SLACK_AT_REST = 1e-11
+SLACK = 1e-13
+
+
+class Log(NamedTuple):
+    """Events in order; State.counts tells how many there were, which may be more than fit."""
+
+    times_s: Floats  # (most,): since the start of the call
+    rows: Ints  # (most, 2): element, new piece
+
+
+def new_log(most: int = 1000) -> Log:
+    """An empty log."""
+    return Log(np.zeros(most), np.zeros((most, 2), dtype=np.int64))
+
+
+@compiled
+def change_piece(
+    circuit: Circuit, state: State, corner: int, by: int, t_s: float, log: Log
+) -> None:
+    """Go to the next piece up or down and log it."""
+    state.piece[corner] += by
+    e = circuit.corners[corner, OWNER]
+    if circuit.corners[corner, ROLE] == OF_INTEGRATOR and state.piece[corner] != 1:
+        state.memory[e, X] = circuit.pieces[
+            circuit.corners[corner, FIRST_PIECE] + state.piece[corner], C0
+        ]
+    number = state.counts[EVENTS]
+    if number < log.times_s.shape[0]:
+        log.times_s[number] = t_s
+        log.rows[number, 0], log.rows[number, 1] = e, state.piece[corner]
+    state.counts[EVENTS] += 1
+
+
+@compiled
+def _right_piece(
+    circuit: Circuit, state: State, corner: int, g: float, t_s: float, log: Log
+) -> float:
+    """Move to the piece that holds g; the piece's value there."""
+    slack = SLACK_AT_REST * max(1.0, abs(g))
+    first, end = circuit.corners[corner, FIRST_PIECE], circuit.corners[corner, END_PIECE]
+    while True:
+        p = first + state.piece[corner]
+        if g > circuit.pieces[p, HIGH] + slack and p + 1 < end:
+            change_piece(circuit, state, corner, 1, t_s, log)
+        elif g < circuit.pieces[p, LOW] - slack and p > first:
+            change_piece(circuit, state, corner, -1, t_s, log)
+        else:
+            return float(piece_of(circuit.pieces, p, g))
+
+
+@compiled
+def _sum_at_start(circuit: Circuit, state: State, constant: float, first: int, end: int) -> float:
+    total = constant
+    for t in range(first, end):
+        total += circuit.gain[t] * state.start[circuit.signal[t]]
+    return float(total)
+
+
+@compiled
+def _stop_integrator(circuit: Circuit, state: State, e: int, t_s: float, log: Log) -> None:
+    """Hold a limited integrator that is driven beyond its limit; free one that is driven back."""
+    corner = circuit.rows[e, CORNER]
+    first = circuit.corners[corner, FIRST_PIECE]
+    low, high = circuit.pieces[first + 1, LOW], circuit.pieces[first + 1, HIGH]
+    if state.piece[corner] == 1:
+        state.memory[e, X] = min(max(state.memory[e, X], low), high)
+    drive = state.memory[e, DRIVE] + circuit.figures[e, FEEDBACK] * state.memory[e, X]
+    slack = SLACK_AT_REST * max(1.0, abs(drive))
+    if state.piece[corner] == 1:
+        if state.memory[e, X] >= high and drive > slack:
+            change_piece(circuit, state, corner, 1, t_s, log)
+        elif state.memory[e, X] <= low and drive < -slack:
+            change_piece(circuit, state, corner, -1, t_s, log)
+    elif (state.piece[corner] == 2 and drive < -slack) or (
+        state.piece[corner] == 0 and drive > slack
+    ):
+        change_piece(circuit, state, corner, 1 - state.piece[corner], t_s, log)
+    state.guard_start[corner] = state.memory[e, X] if state.piece[corner] == 1 else drive
+
+
+@compiled
+def _output(circuit: Circuit, state: State, e: int, v: float, t_s: float, log: Log) -> float:
+    """Gain, offset and saturation at an instant."""
+    v = circuit.figures[e, GAIN] * v + circuit.figures[e, OFFSET]
+    stop = circuit.rows[e, STOP]
+    if stop >= 0:
+        state.guard_start[stop] = v
+        v = _right_piece(circuit, state, stop, v, t_s, log)
+    return v
+
+
+@compiled
+def settle(
+    circuit: Circuit, state: State, call_s: float, t_s: float, log: Log, lags_too: bool
+) -> None:
+    """Signals and pieces right after a jump, t_s into a call that began at call_s.
+
+    What remembers stays; the rest follows in order. `lags_too` lets lagged outputs follow as well.
+    """
+    rows = circuit.rows
+    n = rows.shape[0]
+    for e in range(n):
+        follows = circuit.rows[e, LAG] < 0 or (lags_too and math.isnan(circuit.initial[e, 1]))
+        if circuit.rows[e, KIND] == INTEGRATE and follows:
+            state.start[e] = _output(circuit, state, e, state.memory[e, X], t_s, log)
+    for e in range(n):
+        kind = circuit.rows[e, KIND]
+        u = _sum_at_start(
+            circuit, state, circuit.figures[e, CONSTANT], rows[e, FIRST], rows[e, SECOND]
+        )
+        v = u
+        if kind == INTEGRATE:
+            state.memory[e, DRIVE] = u
+            if circuit.rows[e, CORNER] >= 0:
+                _stop_integrator(circuit, state, e, t_s, log)
+            v = state.memory[e, X]
+        elif kind == PIECES:
+            state.guard_start[circuit.rows[e, CORNER]] = u
+            v = _right_piece(circuit, state, circuit.rows[e, CORNER], u, t_s, log)
+        elif kind == INPUT:
+            v = state.held[circuit.rows[e, CONTROL]]
+        elif kind == SINE:
+            figures = circuit.figures
+            v = figures[e, AMPLITUDE] * math.sin(
+                figures[e, OMEGA] * (call_s + t_s) + figures[e, PHASE]
+            )
+        elif kind == TRACK and not is_high(rows, state.piece, state.start, e):
+            state.start[e] = state.memory[e, BEFORE] if circuit.rows[e, LAG] < 0 else state.start[e]
+            continue
+        elif kind != SUM and kind != TRACK:
+            w = _sum_at_start(
+                circuit, state, circuit.figures[e, SECOND_CONSTANT], rows[e, SECOND], rows[e, END]
+            )
+            if kind == SWITCH:
+                v = u if is_high(rows, state.piece, state.start, e) else w
+            else:
+                v = function_of(kind, u, w, circuit.figures[e, EXPONENT])
+        v = _output(circuit, state, e, v, t_s, log)
+        state.memory[e, BEFORE] = v
+        if circuit.rows[e, LAG] < 0 or (lags_too and math.isnan(circuit.initial[e, 1])):
+            state.start[e] = v
+
+
+@compiled
+def first_exit(circuit: Circuit, state: State, grid: Nodes) -> tuple[int, float]:
+    """Corner whose guard leaves its piece first, and at what fraction of the window; (-1, 1) if none.
+
+    Guards are looked at in the nodes and midway between; an excursion that fits between two of these
+    stays unseen.
+    """
+    found, at = -1, 1.0
+    for corner in range(circuit.corners.shape[0]):
+        p = circuit.corners[corner, FIRST_PIECE] + state.piece[corner]
+        low, high = circuit.pieces[p, LOW], circuit.pieces[p, HIGH]
+        before, after = _leaves(grid, state.guard_start[corner], state.guard[corner], low, high)
+        if after < before or before >= at:
+            continue
+        when = _locate(
+            grid, state.guard_start[corner], state.guard[corner], low, high, before, after
+        )
+        if found < 0 or when < at:
+            found, at = corner, when
+    return found, at
+
+
+@compiled
+def _beyond(g: float, low: float, high: float) -> float:
+    """How far g is outside of [low, high]; negative inside."""
+    return max(low - g, g - high)
+
+
+@compiled
+def _leaves(
+    grid: Nodes, start: float, guard: Floats, low: float, high: float
+) -> tuple[float, float]:
+    """Fractions between which the guard leaves; (1, 0) if it stays."""
+    q = len(grid.marks)
+    if low == -math.inf and high == math.inf:
+        return 1.0, 0.0
+    slack = SLACK
+    if low > -math.inf:
+        slack = max(slack, SLACK * abs(low))
+    if high < math.inf:
+        slack = max(slack, SLACK * abs(high))
+    before = 0.0
+    for k in range(q):
+        middle = grid.between[k, 0] * start
+        for j in range(q):
+            middle += grid.between[k, j + 1] * guard[j]
+        at = 0.5 * (grid.points[k] + grid.points[k + 1])
+        if _beyond(middle, low, high) > slack:
+            return before, at
+        before = at
+        if _beyond(guard[k], low, high) > slack:
+            return before, grid.points[k + 1]
+        before = grid.points[k + 1]
+    return 1.0, 0.0
+
+
+@compiled
+def _locate(
+    grid: Nodes, start: float, guard: Floats, low: float, high: float, before: float, after: float
+) -> float:
+    """Where the guard crosses its bound, by bisection with secant steps (Illinois variant)."""
+    g_before, g_after = _guard_at(grid, start, guard, before), _guard_at(grid, start, guard, after)
+    bound = high if g_after > high else low
+    f, h = g_before - bound, g_after - bound
+    if before == 0.0:
+        f = start - bound
+    if f * h > 0.0 or f == 0.0:  # on the bound from the beginning, to rounding
+        return before
+    side = 0
+    for _ in range(80):
+        at = after - h * (after - before) / (h - f)
+        g = _guard_at(grid, start, guard, at) - bound
+        if abs(g) < 1e-17 or after - before < 1e-16:
+            return float(at)
+        if g * h > 0.0:
+            after, h = at, g
+            if side == 1:
+                f *= 0.5
+            side = 1
+        else:
+            before, f = at, g
+            if side == -1:
+                h *= 0.5
+            side = -1
+    return after
+
+
+@compiled
+def _guard_at(grid: Nodes, start: float, guard: Floats, at: float) -> float:
+    """The guard's polynomial at a fraction of the window, by its Legendre series."""
+    q = len(grid.marks)
+    x = 2.0 * at - 1.0
+    total, before, now = 0.0, 0.0, 1.0
+    for n in range(q + 1):
+        coefficient = grid.series[n, 0] * start
+        for j in range(q):
+            coefficient += grid.series[n, j + 1] * guard[j]
+        total += coefficient * now
+        before, now = now, ((2 * n + 1) * x * now - n * before) / (n + 1)
+    return total

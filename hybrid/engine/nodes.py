@@ -1,0 +1,185 @@
+"""Windows of time with signals held at a few points: operators for integrators and lags.
+
+Stage 4. A window of H seconds has the start and q Radau nodes, the last of them at its end. A signal is
+the polynomial of degree q through these q + 1 points; every linear first-order law
+
+    y' = drive * v - rate * y,    an integrator (drive 1) or a lag (drive = rate = 1/tau),
+
+is then solved without error, by variation of constants:
+
+    y(c H) = exp(-z c) y(0) + drive H * integral over 0 <= x <= c of exp(-z (c - x)) v(x),  z = rate H.
+
+The start is one of the points because v is known there: without it the polynomial misses v(0), and a
+short lag passes that error on with weight tau. At the end of the window the weights are those of Radau
+quadrature, so the end is of order 2 q - 1 (Hairer and Wanner, Solving Ordinary Differential
+Equations II, section IV.5).
+"""
+
+from __future__ import annotations
+
+import math
+from functools import cache
+from typing import NamedTuple
+
+import numpy as np
+from numpy.polynomial import legendre
+
+from hybrid.engine.kernel import Floats, Ints, compiled
+
+# Above this many time constants the integral is summed by parts, which ends after q + 1 terms; up to it
+# a Gauss rule of this many points errs by less than 1e-16 for q <= 10.
+FEW_CONSTANTS = 20.0
+GAUSS_POINTS = 26
+
+
+class Nodes(NamedTuple):
+    """Fixed tables for one q; n = q + 1 points: the start (0), then the nodes.
+
+    `marks` is a tuple, so that its length is known to the compiler and loops over it are unrolled.
+    """
+
+    marks: tuple[float, ...]  # (q,): the nodes, as fractions of the window; the last is 1
+    points: Floats  # (n,): the start and the nodes
+    abscissae: Floats  # (GAUSS_POINTS,) on [0, 1]
+    basis: Floats  # (q, GAUSS_POINTS, n): weight * l_k(c_j (1 - s_i)), l_k the Lagrange polynomials
+    slopes: Floats  # (n, n, n): [m, j, k], derivative number m of l_k at point j
+    series: Floats  # (n, n): Legendre coefficients on [0, 1] from the values at the points
+    between: (
+        Floats  # (n, n): from values at the points to values midway between them (the last: at 1)
+    )
+
+
+class Shelf(NamedTuple):
+    """Operators made so far, by window length; a full shelf loses its oldest.
+
+    Powers of two of seconds are kept at once, other lengths when they are asked for a second time: most
+    come from events and never return. Slot 0 is for those.
+    """
+
+    lengths_s: Floats  # (slots,): 0 where free
+    met_s: Floats  # (slots,): other lengths asked for, most recently
+    next_slot: Ints  # (2,): of the two above
+    weights: Floats  # (slots, laws, blocks, n, 4): rows of four nodes, beside each other in memory
+    decay: Floats  # (slots, laws, 4 * blocks): exp(-rate c H)
+
+
+def padded(q: int) -> int:
+    """Nodes stored: whole blocks of four; those beyond q repeat the last."""
+    return 4 * ((q + 3) // 4)
+
+
+@cache
+def nodes(q: int = 8) -> Nodes:
+    """Tables for q Radau nodes, 4 <= q <= 10."""
+    if not 4 <= q <= 10:
+        raise ValueError(f"q = {q}: between 4 and 10 nodes are supported")
+    marks = _radau(q)
+    points = np.concatenate([[0.0], marks])
+    series = np.linalg.inv(legendre.legvander(2 * points - 1, q))
+    gauss, weights = legendre.leggauss(GAUSS_POINTS)
+    abscissae, weights = (gauss + 1) / 2, weights / 2
+    at = marks[:, None] * (1 - abscissae)
+    basis = legendre.legvander(2 * at - 1, q) @ series * weights[:, None]
+    slopes = np.empty((q + 1, q + 1, q + 1))
+    for m in range(q + 1):
+        slopes[m] = legendre.legval(2 * points - 1, legendre.legder(series, m)).T * 2.0**m
+    middle = np.append((points[1:] + points[:-1]) / 2, 1.0)
+    between = legendre.legvander(2 * middle - 1, q) @ series
+    return Nodes(tuple(marks.tolist()), points, abscissae, basis, slopes, series, between)
+
+
+def _radau(q: int) -> Floats:
+    """Roots of P_q - P_(q-1) on [0, 1], polished by Newton's method."""
+    polynomial = np.zeros(q + 1)
+    polynomial[q - 1 :] = -1.0, 1.0
+    roots = np.sort(legendre.legroots(polynomial).real)
+    for _ in range(3):
+        roots -= legendre.legval(roots, polynomial) / legendre.legval(
+            roots, legendre.legder(polynomial)
+        )
+    roots[-1] = 1.0
+    return (roots + 1) / 2
+
+
+def new_shelf(q: int, laws: int, slots: int = 32) -> Shelf:
+    """An empty shelf for circuits with this many different laws."""
+    blocks = padded(q) // 4
+    return Shelf(
+        np.zeros(slots),
+        np.zeros(slots),
+        np.array([1, 0]),
+        np.zeros((slots, laws, blocks, q + 1, 4)),
+        np.zeros((slots, laws, 4 * blocks)),
+    )
+
+
+@compiled
+def law_weights(
+    grid: Nodes, rate: float, drive: float, length_s: float, weights: Floats, decay: Floats
+) -> None:
+    """Fill `weights` (blocks, n, 4) and `decay` (4 * blocks,) for one law and one window length."""
+    q = len(grid.marks)
+    z = rate * length_s
+    for i in range(decay.shape[0]):
+        j = min(i, q - 1)
+        c = grid.marks[j]
+        row = weights[i // 4, :, i % 4]
+        decay[i] = math.exp(-z * c)
+        row[:] = 0.0
+        if z * c <= FEW_CONSTANTS:
+            for g in range(grid.abscissae.shape[0]):
+                factor = drive * length_s * c * math.exp(-z * c * grid.abscissae[g])
+                for k in range(q + 1):
+                    row[k] += factor * grid.basis[j, g, k]
+        else:
+            # By parts: the sum over m of (-1/z)^m [v^(m)(c) - exp(-z c) v^(m)(0)] / z ends at m = q.
+            factor = drive / rate
+            for m in range(q + 1):
+                for k in range(q + 1):
+                    row[k] += factor * (grid.slopes[m, j + 1, k] - decay[i] * grid.slopes[m, 0, k])
+                factor /= -z
+
+
+@compiled
+def shelved(shelf: Shelf, grid: Nodes, laws: Floats, length_s: float) -> int:
+    """Slot of the operators of all `laws` (laws, 2: rate, drive) for this length, made if need be."""
+    slots = shelf.lengths_s.shape[0]
+    for slot in range(slots):
+        if shelf.lengths_s[slot] == length_s:
+            return slot
+    kept = math.frexp(length_s)[0] == 0.5
+    for k in range(slots):
+        kept = kept or shelf.met_s[k] == length_s
+    slot = 0
+    if kept:
+        slot = shelf.next_slot[0]
+        shelf.next_slot[0] = slot + 1 if slot + 1 < slots else 1
+    else:
+        shelf.met_s[shelf.next_slot[1]] = length_s
+        shelf.next_slot[1] = (shelf.next_slot[1] + 1) % slots
+    shelf.lengths_s[slot] = length_s
+    for law in range(laws.shape[0]):
+        law_weights(
+            grid,
+            laws[law, 0],
+            laws[law, 1],
+            length_s,
+            shelf.weights[slot, law],
+            shelf.decay[slot, law],
+        )
+    return slot
+
+
+@compiled
+def point_weights(grid: Nodes, at: float, degree: int, out: Floats) -> None:
+    """Fill `out` (n,): weights that give a signal at fraction `at` of the window, which may lie outside.
+
+    Below degree q the Legendre series is cut there: a guess far outside is steadier so.
+    """
+    x = 2.0 * at - 1.0
+    out[:] = 0.0
+    before, now = 0.0, 1.0
+    for n in range(degree + 1):
+        for k in range(out.shape[0]):
+            out[k] += now * grid.series[n, k]
+        before, now = now, ((2 * n + 1) * x * now - n * before) / (n + 1)

@@ -1,0 +1,393 @@
+"""The nonlinear engine: advances a circuit window by window, as long as each is resolved.
+
+Stage 4. A window is accepted when the Legendre coefficients of every signal have fallen below `rtol`
+of full scale (of the signal, where that is larger): that bounds how well values inside it are known. Its
+end is far better. Radau quadrature errs by about the square of what the polynomial leaves, and the
+sweeps stop at a tolerance; the sum of both over all windows estimates what a run has gathered, as long
+as the circuit itself does not magnify errors.
+
+After a jump (start, change of a held input, event) lagged outputs relax as exp(-t / tau). Lags follow
+any polynomial exactly, but what reads them takes their outputs for polynomials: so windows grow with
+the time since the jump until the layer has died out, then at once reach for the next longer lag or the
+working length. The number of windows hardly depends on how short a lag is.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+
+from hybrid.engine.circuit import FIRST_PIECE, HIGH, LOW, TEAR, Circuit
+from hybrid.engine.corners import Log, change_piece, first_exit, settle
+from hybrid.engine.kernel import RUNAWAY_MU, Floats, Ints, compiled
+from hybrid.engine.nodes import Nodes, Shelf, point_weights
+from hybrid.engine.sweep import (
+    AGE,
+    BEFORE,
+    BEFORE_END,
+    CRUISE,
+    DRIVE,
+    DRIVE_END,
+    EVENTS,
+    FIRST_SHARE,
+    KNOWN,
+    LENGTH,
+    REJECTED,
+    ROWS,
+    STARTED,
+    SUM_OF_ERRORS,
+    WAIT,
+    WINDOWS,
+    WORST,
+    X_END,
+    State,
+    X,
+    solve,
+)
+
+# Why `advance` came back.
+DONE, RUNAWAY, CHATTER, UNRESOLVED = range(4)
+
+# A layer has died out after this many lags: exp(-36) is 2e-16, a chain of lags takes longer.
+LAYER_LAGS = 45.0
+# No window is made shorter.
+SHORTEST_S = 1e-15
+# Windows to wait before trying again a length at which the loops did not agree.
+PATIENCE = 30
+# So many events of one corner within so many of the shortest lag are chatter.
+CHATTER_EVENTS = 64
+CHATTER_LAGS = 4.0
+CHATTER_S = 1e-12
+
+
+class Pen(NamedTuple):
+    """What to record during a call: given signals at given instants after its start, ascending."""
+
+    instants_s: Floats  # (rows,): > 0; the windows' polynomials are read there
+    signals: Ints  # (columns,)
+    values: Floats  # (rows, columns); State.counts tells how many rows are filled
+
+
+def no_pen() -> Pen:
+    """Nothing to record."""
+    return Pen(np.zeros(0), np.zeros(0, dtype=np.int64), np.zeros((0, 0)))
+
+
+@compiled
+def advance(
+    circuit: Circuit,
+    state: State,
+    shelf: Shelf,
+    grid: Nodes,
+    t_s: float,
+    duration_s: float,
+    rtol: float,
+    log: Log,
+    pen: Pen,
+) -> tuple[int, float]:
+    """Play `duration_s` seconds from the instant t_s on, State.held being constant; why it ended, when.
+
+    The second figure counts from t_s. The log and the pen start anew at every call.
+    """
+    clock, counts = state.clock, state.counts
+    counts[ROWS], counts[EVENTS] = 0, 0
+    _begin(circuit, state, t_s, log)
+    recent = np.zeros((circuit.corners.shape[0], 2))
+    tolerance = min(max(1e-15, 1e-5 * rtol), 1e-12)
+    now, cap = 0.0, math.inf
+    while now < duration_s:
+        length = _next_length(circuit, state, duration_s - now, cap)
+        _prepare_guess(circuit, state, grid, length)
+        fits = solve(circuit, state, shelf, grid, t_s + now, length, tolerance)
+        tail = _tail(state, grid) if fits else math.inf
+        if not tail <= rtol:
+            if length * 0.5 < SHORTEST_S:
+                return _lost(state), now
+            cap = _reject(circuit, state, length, fits)
+            continue
+        corner, at = -1, 1.0
+        if circuit.corners.shape[0] > 0:
+            corner, at = first_exit(circuit, state, grid)
+        if corner < 0:
+            now = duration_s if length == duration_s - now else now + length
+            _record(state, grid, pen, now, length)
+            _accept(circuit, state, grid, length, tail, tolerance)
+            _adapt(state, length, tail, rtol)
+            cap = math.inf
+        else:
+            by = 1 if _guard_rises(circuit, state, grid, corner, at) else -1
+            length = _cut(
+                circuit, state, shelf, grid, t_s + now, at * length, length, corner, by, tolerance
+            )
+            if length > 0.0:
+                now = min(now + length, duration_s)
+                _record(state, grid, pen, now, length)
+                _accept(circuit, state, grid, length, tail, tolerance)
+            change_piece(circuit, state, corner, by, now, log)
+            settle(circuit, state, t_s, now, log, False)
+            clock[AGE], counts[KNOWN], cap = 0.0, 0, math.inf
+            if _chatters(circuit, recent, corner, now):
+                return CHATTER, now
+        if _lost(state) == RUNAWAY:
+            return RUNAWAY, now
+    return DONE, now
+
+
+@compiled
+def _begin(circuit: Circuit, state: State, t_s: float, log: Log) -> None:
+    """Settle what follows at once, where something jumped or nothing has been played yet."""
+    jumped = state.counts[STARTED] == 0
+    for i in range(state.held.shape[0]):
+        if state.held[i] != state.seen[i]:  # also the first time, when it is no number
+            jumped = True
+            state.seen[i] = state.held[i]
+    if not jumped:
+        return
+    settle(circuit, state, t_s, 0.0, log, state.counts[STARTED] == 0)
+    if state.counts[STARTED] == 0:  # pieces found for the first time are no events
+        state.counts[EVENTS] = 0
+    state.counts[STARTED], state.counts[KNOWN] = 1, 0
+    state.clock[AGE] = 0.0
+
+
+@compiled
+def _next_length(circuit: Circuit, state: State, remaining_s: float, cap: float) -> float:
+    """A power of two of seconds within what layers allow, or all that remains."""
+    age = state.clock[AGE]
+    length = min(state.clock[CRUISE], cap)
+    for k in range(circuit.taus_s.shape[0]):
+        tau = circuit.taus_s[k]
+        if age < LAYER_LAGS * tau:
+            length = min(length, age + 2.0 * state.clock[FIRST_SHARE] * tau)
+            break
+    if length >= remaining_s * (1.0 - 1e-9):
+        return remaining_s
+    return 2.0 ** math.floor(math.log2(length))
+
+
+@compiled
+def _reject(circuit: Circuit, state: State, length_s: float, agreed: bool) -> float:
+    """Note that a window was too long; the longest allowed from now on.
+
+    The working length is not touched while a layer lasts: it will be needed right after. The ladder is
+    remembered, so that after the next jump its windows fit.
+    """
+    state.counts[REJECTED] += 1
+    half = 2.0 ** math.floor(math.log2(length_s * 0.5))
+    layered = False
+    for k in range(circuit.taus_s.shape[0]):
+        layered = layered or state.clock[AGE] < LAYER_LAGS * circuit.taus_s[k]
+    layered = layered and length_s < state.clock[CRUISE]
+    if not layered:
+        state.clock[CRUISE] = half
+        state.counts[WAIT] = 0 if agreed else PATIENCE
+        return math.inf
+    state.clock[FIRST_SHARE] = max(0.75 * state.clock[FIRST_SHARE], 0.01)
+    return half
+
+
+@compiled
+def _adapt(state: State, length_s: float, tail: float, rtol: float) -> None:
+    """Double the working length, or widen the ladder, where the coefficients would still fall far."""
+    fits_twice = tail * 2.0 ** state.guess.shape[1] < 0.5 * rtol
+    if state.clock[AGE] == length_s and fits_twice and state.clock[FIRST_SHARE] < 8.0:
+        state.clock[FIRST_SHARE] *= 4.0 / 3.0
+    if state.counts[WAIT] > 0:
+        state.counts[WAIT] -= 1
+    elif length_s == state.clock[CRUISE] and fits_twice:
+        state.clock[CRUISE] *= 2.0
+
+
+@compiled
+def _tail(state: State, grid: Nodes) -> float:
+    """Largest of the last Legendre coefficients of any signal, of full scale or of the signal."""
+    q = len(grid.marks)
+    worst = 0.0
+    for e in range(state.nodes.shape[0]):
+        last, previous, size = (
+            grid.series[q, 0] * state.start[e],
+            grid.series[q - 1, 0] * state.start[e],
+            max(1.0, abs(state.nodes[e, q - 1])),
+        )
+        for j in range(q):
+            last += grid.series[q, j + 1] * state.nodes[e, j]
+            previous += grid.series[q - 1, j + 1] * state.nodes[e, j]
+        # One coefficient may be zero by symmetry, two neighbours are not; each further degree brings
+        # about one decade where windows are as long as they may.
+        tail = max(abs(last), 0.1 * abs(previous)) / size
+        if not tail <= worst:
+            worst = tail
+    return worst
+
+
+@compiled
+def _accept(
+    circuit: Circuit, state: State, grid: Nodes, length_s: float, tail: float, tolerance: float
+) -> None:
+    """Make the end of the window the start of the next."""
+    end = len(grid.marks) - 1
+    start, past, nodes, last, memory = (
+        state.start,
+        state.past,
+        state.nodes,
+        state.last,
+        state.memory,
+    )
+    rows = circuit.rows
+    for e in range(rows.shape[0]):
+        past[e] = start[e]
+        start[e] = nodes[e, end]
+        memory[e, X] = memory[e, X_END]
+        memory[e, DRIVE] = memory[e, DRIVE_END]
+        memory[e, BEFORE] = memory[e, BEFORE_END]
+        if rows[e, TEAR] != 0:
+            for i in range(nodes.shape[1]):
+                last[e, i] = nodes[e, i]
+    for corner in range(state.piece.shape[0]):
+        state.guard_start[corner] = state.guard[corner, end]
+    clock = state.clock
+    clock[AGE] += length_s
+    clock[LENGTH] = length_s
+    clock[WORST] = max(clock[WORST], tail)
+    clock[SUM_OF_ERRORS] += 10.0 * tail * tail + tolerance
+    state.counts[KNOWN] = 1
+    state.counts[WINDOWS] += 1
+
+
+@compiled
+def _prepare_guess(circuit: Circuit, state: State, grid: Nodes, length_s: float) -> None:
+    """Continue the last window's polynomials into this one; constants where they say nothing."""
+    n = state.nodes.shape[0]
+    ratio = length_s / state.clock[LENGTH] if state.counts[KNOWN] > 0 else math.inf
+    if ratio > 4.0:
+        for e in range(n):
+            state.nodes[e, :] = state.start[e]
+        return
+    # Far outside, the high powers do more harm than good.
+    degree = len(grid.marks) if ratio <= 1.0 else 4
+    _guess(circuit, state, grid, 1.0, ratio, degree, state.past, state.last)
+
+
+@compiled
+def _guess(
+    circuit: Circuit,
+    state: State,
+    grid: Nodes,
+    place: float,
+    ratio: float,
+    degree: int,
+    start: Floats,
+    nodes: Floats,
+) -> None:
+    """Read the polynomials through `start` and `nodes` from `place` on, over `ratio` of their length.
+
+    Only for signals that are read before they are computed.
+    """
+    q, p = len(grid.marks), state.nodes.shape[1]
+    wanted = state.guess_for
+    if wanted[0] != place or wanted[1] != ratio or wanted[2] != degree:
+        wanted[0], wanted[1], wanted[2] = place, ratio, degree
+        for i in range(p):
+            point_weights(grid, place + ratio * grid.marks[min(i, q - 1)], degree, state.guess[i])
+    row = state.row[0]
+    for e in range(nodes.shape[0]):
+        if circuit.rows[e, TEAR] == 0:
+            continue
+        for i in range(p):
+            row[i] = state.guess[i, 0] * start[e]
+            for j in range(q):
+                row[i] += state.guess[i, j + 1] * nodes[e, j]
+        for i in range(p):
+            state.nodes[e, i] = row[i]
+
+
+@compiled
+def _guard_rises(circuit: Circuit, state: State, grid: Nodes, corner: int, at: float) -> bool:
+    """Whether the piece is left upward."""
+    p = circuit.corners[corner, FIRST_PIECE] + state.piece[corner]
+    low, high = circuit.pieces[p, LOW], circuit.pieces[p, HIGH]
+    weights = np.empty(len(grid.marks) + 1)
+    point_weights(grid, at, len(grid.marks), weights)
+    g = weights[0] * state.guard_start[corner]
+    for j in range(len(grid.marks)):
+        g += weights[j + 1] * state.guard[corner, j]
+    return bool(abs(g - high) < abs(g - low))
+
+
+@compiled
+def _cut(
+    circuit: Circuit,
+    state: State,
+    shelf: Shelf,
+    grid: Nodes,
+    t_s: float,
+    length_s: float,
+    whole_s: float,
+    corner: int,
+    by: int,
+    tolerance: float,
+) -> float:
+    """Solve again up to the event, and move its end until the guard is on its bound; the length."""
+    p = circuit.corners[corner, FIRST_PIECE] + state.piece[corner]
+    bound = circuit.pieces[p, HIGH] if by > 0 else circuit.pieces[p, LOW]
+    q = len(grid.marks)
+    if length_s < SHORTEST_S:
+        return 0.0
+    for _ in range(5):
+        _guess(circuit, state, grid, 0.0, length_s / whole_s, q, state.start, state.nodes)
+        whole_s = length_s
+        solve(circuit, state, shelf, grid, t_s, length_s, tolerance)
+        miss = state.guard[corner, q - 1] - bound
+        slope = grid.slopes[1, q, 0] * state.guard_start[corner]
+        for j in range(q):
+            slope += grid.slopes[1, q, j + 1] * state.guard[corner, j]
+        step = -miss / slope if slope != 0.0 else math.inf
+        if abs(miss) <= 1e-15 * max(1.0, abs(bound)) or not abs(step) < 0.1:
+            break
+        if abs(step) < 1e-14:
+            break
+        length_s += step * length_s
+    return whole_s
+
+
+@compiled
+def _record(state: State, grid: Nodes, pen: Pen, end_s: float, length_s: float) -> None:
+    """Write the rows whose instants lie in the window that ends at end_s."""
+    q, row = len(grid.marks), state.counts[ROWS]
+    if row >= pen.instants_s.shape[0] or pen.instants_s[row] > end_s:
+        return
+    weights = np.empty(q + 1)
+    while row < pen.instants_s.shape[0] and pen.instants_s[row] <= end_s:
+        at = 1.0 - (end_s - pen.instants_s[row]) / length_s
+        point_weights(grid, min(max(at, 0.0), 1.0), q, weights)
+        for column in range(pen.signals.shape[0]):
+            e = pen.signals[column]
+            value = weights[0] * state.start[e]
+            for j in range(q):
+                value += weights[j + 1] * state.nodes[e, j]
+            pen.values[row, column] = value
+        row += 1
+    state.counts[ROWS] = row
+
+
+@compiled
+def _chatters(circuit: Circuit, recent: Floats, corner: int, now_s: float) -> bool:
+    """Whether a corner has had too many events without getting on; `recent`: since when, how many."""
+    span = CHATTER_S
+    if circuit.taus_s.shape[0] > 0:
+        span = max(span, CHATTER_LAGS * circuit.taus_s[0])
+    if now_s - recent[corner, 0] > span:
+        recent[corner, 0], recent[corner, 1] = now_s, 0.0
+    recent[corner, 1] += 1.0
+    return bool(recent[corner, 1] > CHATTER_EVENTS)
+
+
+@compiled
+def _lost(state: State) -> int:
+    """RUNAWAY if a signal is far beyond any scale or no number, else UNRESOLVED."""
+    for e in range(state.start.shape[0]):
+        if not abs(state.start[e]) <= RUNAWAY_MU:
+            return RUNAWAY
+    return UNRESOLVED
