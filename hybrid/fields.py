@@ -24,7 +24,7 @@ from hybrid.units import (
     split_quantity,
     unit_of,
 )
-from hybrid.yamltree import Table, Text, Tree, kind_of
+from hybrid.yamltree import Sequence, Table, Text, Tree, kind_of
 
 Scope = Mapping[str, Dimension | None]
 
@@ -298,6 +298,35 @@ class Fields:
             value, _ = self.value_of(tree, f"coefficient of {quoted(signal)} in {self.what}")
             terms.append((signal, value))
         return tuple(terms)
+
+    def list_of_texts(self, key: str) -> tuple[str, ...]:
+        """[name, ...], in the order written."""
+        tree = self.tree(key)
+        if not isinstance(tree, Sequence):
+            raise PatchError(
+                f"{self.what}: {key} must be a list of signals, such as [x, y], not {kind_of(tree)}",
+                tree.place,
+            )
+        for item in tree.items:
+            if not isinstance(item, Text) or not item.text:
+                raise PatchError(
+                    f"{self.what}: {key} is a list of signals, not of {kind_of(item)}", item.place
+                )
+        return tuple(item.text for item in tree.items if isinstance(item, Text))
+
+    def points(self, key: str, own: FullScale) -> tuple[tuple[Value, Value], ...]:
+        """{input: output, ...}, in the order written; outputs in the unit of the signal."""
+        table = table_of(self.tree(key), f"{key} of {self.what}", "input: output")
+        found = []
+        for text, tree, place in table:
+            what = f"point {quoted(text)} of {self.what}"
+            x, _ = value_of(Text(text, place), f"input of {what}", self.scope)
+            y, dimension = value_of(tree, f"output of {what}", self.scope)
+            if not isinstance(tree, Text) or not fits(tree.text, dimension, own.dimension):
+                due = in_words(own.dimension, own.unit)
+                raise PatchError(f"output of {what} must be {due}", tree.place)
+            found.append((x, y))
+        return tuple(found)
 
     def unit_term(self, key: str) -> tuple[tuple[str, Value], ...]:
         """One signal with coefficient 1."""

@@ -20,6 +20,7 @@ class Holds(Enum):
     SIGNAL = "signal"  # the name of one signal
     TERMS = "terms"  # {signal: coefficient, ...}
     SIGNALS = "signals"  # [name, ...]
+    POINTS = "points"  # {input: output, ...}
 
 
 class Unit(Enum):
@@ -81,6 +82,14 @@ ERROR_KEYS = (
         "rms noise, a fraction of full scale, of bandwidth 1/tau",
         Unit.PURE,
         Bound.NOT_NEGATIVE,
+    ),
+    Key(
+        "saturation",
+        Holds.QUANTITY,
+        "level beyond which the output cannot go, in full scales; an integrator stops there",
+        Unit.PURE,
+        Bound.POSITIVE,
+        default="none",
     ),
 )
 

@@ -8,6 +8,7 @@ chopper-stabilised amplifier's was far below it (the paper's 200 ft orbits need 
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from dataclasses import dataclass
 from types import MappingProxyType
@@ -24,14 +25,16 @@ class Preset:
     offset: float
     noise: float  # rms
     converters_exact: bool  # no quantisation and no clipping in ADC and DAC
+    saturation: float = math.inf  # full scales
 
     def figure(self, key: str) -> float:
-        """One of tau, tolerance, offset, noise by name."""
+        """One of tau, tolerance, offset, noise, saturation by name."""
         return {
             "tau": self.tau,
             "tolerance": self.tolerance,
             "offset": self.offset,
             "noise": self.noise,
+            "saturation": self.saturation,
         }[key]
 
 

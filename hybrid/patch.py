@@ -7,6 +7,7 @@ parameters into numbers. All numbers are SI inside; `unit` and `factor` say how 
 from __future__ import annotations
 
 import functools
+import itertools
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field
@@ -65,6 +66,15 @@ class Component:
     dimension: Dimension
     errors: Mapping[str, Value]  # overrides of tau, tolerance, offset, noise
     place: Place = NOWHERE
+    signals: tuple[str, ...] = ()  # inputs without coefficients, in the order written
+    control: str | None = None
+    points: tuple[tuple[Value, Value], ...] = ()
+
+    @property
+    def sources(self) -> tuple[str, ...]:
+        """Every signal it reads, sorted."""
+        control = (self.control,) if self.control else ()
+        return tuple(sorted({*(s for s, _ in self.terms), *self.signals, *control}))
 
 
 @dataclass(frozen=True, slots=True)
@@ -204,6 +214,7 @@ class Patch:
         for component in self.components:
             values += [value for _, value in component.terms]
             values += component.values.values()
+            values += itertools.chain.from_iterable(component.points)
         for part in self.analog_parts:
             values.append(part.full_scale)
         values += [dac.initial for dac in self.dacs]

@@ -192,7 +192,7 @@ def signal_graph(patch: Patch) -> dict[str, list[str]]:
     """Which signals each signal feeds, through components, converters and the program."""
     feeds: dict[str, set[str]] = {name: set() for name in patch.signals}
     for component in patch.components:
-        for source, _ in component.terms:
+        for source in component.sources:
             feeds[source].add(component.name)
     for adc in patch.adcs:
         feeds[adc.source].add(adc.name)

@@ -50,6 +50,7 @@ _TEXT_EXAMPLES = {
     "description": "Where its figures come from",
     "unit": "mrad",
     "dac": "moment_word",
+    "control": "moment",
 }
 _TERMS_EXAMPLES: Mapping[str, Any] = {
     "program": EXAMPLE["digital"]["program"],
@@ -96,6 +97,10 @@ def _component(kind: Kind) -> dict[str, Any]:
     made = _object(keys)
     if kind.single_input:
         made["properties"][kind.main.name]["maxProperties"] = 1
+    if kind.main.holds is Holds.SIGNALS:
+        count = {"minItems": kind.inputs, "maxItems": kind.inputs}
+        names = ["theta", "theta_dot"][: kind.inputs]
+        made["properties"][kind.main.name].update({**count, "examples": [names]})
     return {"title": kind.key, "description": kind.doc, **made}
 
 
@@ -138,6 +143,9 @@ def _holds(key: Key) -> dict[str, Any]:
         made = _map(_quantity(), {})
         example = _TERMS_EXAMPLES.get(key.name, {"theta": 1})
         return {**made, "minProperties": int(key.required), "examples": [example]}
+    if key.holds is Holds.POINTS:
+        made = {"type": "object", "minProperties": 2, "additionalProperties": _quantity()}
+        return {**made, "examples": [{"-1": 0, "0": 0, "1": 1}]}
     if key.holds is Holds.SIGNALS:
         items = {"type": "string", "pattern": NAME}
         return {"type": "array", "items": items, "minItems": 1, "examples": [["theta"]]}

@@ -5,8 +5,23 @@ from __future__ import annotations
 from collections.abc import Mapping
 from types import MappingProxyType
 
-from hybrid.components.base import Core, Kind, Oscillation, Step
+from hybrid.components.base import Core, Given, Kind, Oscillation, Step
 from hybrid.components.linear import Coefficient, Integrate, Invert, Lag, Sum
+from hybrid.components.nonlinear import (
+    Absolute,
+    Compare,
+    CosOf,
+    DeadZone,
+    Divide,
+    FunctionGenerator,
+    Limit,
+    Multiply,
+    SinOf,
+    Square,
+    SquareRoot,
+    Switch,
+    Track,
+)
 from hybrid.components.sources import Constant, Sine, StepSource
 
 CATALOG: Mapping[str, Kind] = MappingProxyType(
@@ -21,8 +36,21 @@ CATALOG: Mapping[str, Kind] = MappingProxyType(
             Invert(),
             Integrate(),
             Lag(),
+            Multiply(),
+            Divide(),
+            SquareRoot(),
+            SinOf(),
+            CosOf(),
+            FunctionGenerator(),
+            Absolute(),
+            Limit(),
+            DeadZone(),
+            Compare(),
+            Switch(),
+            Track(),
+            Square(),
         )
     }
 )
 
-__all__ = ["CATALOG", "Core", "Kind", "Oscillation", "Step"]
+__all__ = ["CATALOG", "Core", "Given", "Kind", "Oscillation", "Step"]

@@ -7,15 +7,19 @@
 3. The compiler adds what every component shares: scaling to machine units, gain tolerance, offset,
    the output lag and noise. A kind never deals with those, nor with time or state storage.
 4. `per_second` says that a gain has the extra unit 1/s (an integrator's input).
+5. A kind that is not linear gives `element(given)` instead, in SI units too; so may one that is linear
+   only as long as some of its keys are not used. `inner(given)` is a hidden element that drives it.
 """
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 from dataclasses import dataclass, field
 from typing import ClassVar
 
+from hybrid.elements import Element
 from hybrid.language import Key
+from hybrid.units import Dimension
 
 
 @dataclass(frozen=True, slots=True)
@@ -48,6 +52,17 @@ class Core:
     step: Step | None = None
 
 
+@dataclass(frozen=True, slots=True)
+class Given:
+    """What a patch gives a component, as numbers in SI units."""
+
+    values: Mapping[str, float]  # by key
+    gains: Mapping[str, float]  # by signal
+    signals: tuple[str, ...] = ()  # in the order written
+    control: str | None = None
+    points: tuple[tuple[float, float], ...] = ()  # ascending
+
+
 class Kind:
     """A kind of component; see the module's contract."""
 
@@ -58,10 +73,33 @@ class Kind:
     keys: ClassVar[tuple[Key, ...]] = ()
     per_second: ClassVar[bool] = False
     single_input: ClassVar[bool] = False
+    is_linear: ClassVar[bool] = True
+    inputs: ClassVar[int] = 0  # signals that the main key names, where it gives no coefficients
+    piecewise_keys: ClassVar[frozenset[str]] = frozenset()  # with one of these it is not linear
 
     def core(self, values: Mapping[str, float], gains: Mapping[str, float]) -> Core:
         """Linear core for the bound quantities `values` (by key) and input `gains` (by signal)."""
         raise NotImplementedError
+
+    def linear_with(self, keys: Collection[str]) -> bool:
+        """Whether a component of this kind is linear where these keys are given."""
+        return self.is_linear and not self.piecewise_keys & set(keys)
+
+    def element(self, given: Given) -> Element:
+        """The element of a kind that is not linear."""
+        raise NotImplementedError
+
+    def inner(self, given: Given) -> Element | None:
+        """A hidden element that the component's own reads as `elements.INNER`."""
+        return None
+
+    def result(self, inputs: tuple[Dimension, ...]) -> Dimension | None:
+        """Dimension of the output without `gain`, or None where it may be any."""
+        return None
+
+    def unsuitable(self, given: Given) -> str:
+        """What is wrong with these numbers, or ''."""
+        return ""
 
     def complaint(self, values: Mapping[str, object]) -> str:
         """What is wrong with this combination of keys, or ''."""

@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 
-from hybrid.components.base import Core, Kind
+from hybrid.components.base import Core, Given, Kind
 from hybrid.language import Bound, Holds, Key, Unit
 
 
@@ -57,13 +58,31 @@ class Integrate(Kind):
             Bound.NOT_NEGATIVE,
             default="0 1/s",
         ),
+        Key("low", Holds.QUANTITY, "the integrator stops here, below", Unit.OWN),
+        Key("high", Holds.QUANTITY, "the integrator stops here, above", Unit.OWN),
     )
     per_second = True
+    piecewise_keys = frozenset({"low", "high"})
 
     def core(self, values: Mapping[str, float], gains: Mapping[str, float]) -> Core:
         """w' = sum(coefficient * input) - leak * w, w(0) = initial."""
         leak = values.get("leak", 0.0)
         return Core(gains, dynamic=True, feedback=-leak, initial=values["initial"])
+
+    def limits(self, values: Mapping[str, float]) -> tuple[float, float] | None:
+        """Where a feedback-limited integrator stops; None where it does not."""
+        if not self.piecewise_keys & values.keys():
+            return None
+        return values.get("low", -math.inf), values.get("high", math.inf)
+
+    def unsuitable(self, given: Given) -> str:
+        """The limits must leave something between them, the initial value too."""
+        low, high = self.limits(given.values) or (-math.inf, math.inf)
+        if not low < high:
+            return f"has low {low:g} not below high {high:g}"
+        if not low <= given.values["initial"] <= high:
+            return f"has initial {given.values['initial']:g} outside its limits {low:g} to {high:g}"
+        return ""
 
 
 class Lag(Kind):

@@ -57,6 +57,7 @@ def _component(book: Book, name: str, table: Table, place: Place) -> Component:
     complaint = kind.complaint(table.entries)
     if complaint:
         raise PatchError(f"{what}: {complaint}", place)
+    control = _control(book, fields) if "control" in table.entries else None
     values = fields.quantities((kind.main, *kind.keys), scale)
     _refuse_mixed_frequency(book, values, fields)
     return Component(
@@ -70,13 +71,47 @@ def _component(book: Book, name: str, table: Table, place: Place) -> Component:
         scale.dimension,
         fields.quantities(ERROR_KEYS),
         place,
+        _signals(book, fields, kind),
+        control,
+        fields.points("points", scale) if "points" in table.entries else (),
     )
+
+
+def _signals(book: Book, fields: Fields, kind: Kind) -> tuple[str, ...]:
+    """Inputs without coefficients, of a kind that is not linear."""
+    main = kind.main
+    if kind.is_linear or main.holds not in (Holds.SIGNAL, Holds.SIGNALS):
+        return ()
+    tree = fields.tree(main.name)
+    found: tuple[str, ...]
+    found = (
+        (fields.text(main.name),) if main.holds is Holds.SIGNAL else fields.list_of_texts(main.name)
+    )
+    if len(found) != kind.inputs:
+        raise PatchError(
+            f"{fields.what}: {main.name} takes {kind.inputs} signals, not {len(found)}", tree.place
+        )
+    for signal in found:
+        book.require_analog(signal, f"{fields.what} reads", tree.place)
+    return found
+
+
+def _control(book: Book, fields: Fields) -> str:
+    """What switches a component: a comparator or a DAC."""
+    name, place = fields.text("control"), fields.place("control")
+    book.require_analog(name, f"{fields.what} is controlled by", place)
+    if name not in book.controls:
+        raise PatchError(
+            f"{fields.what} is controlled by {quoted(name)}; a control is a comparator or a DAC",
+            place,
+        )
+    return name
 
 
 def _terms(book: Book, fields: Fields, kind: Kind) -> tuple[tuple[str, Value], ...]:
     """Inputs with their coefficients; each must be an analog signal."""
     main, doing = kind.main, f"{fields.what} reads"
-    if main.holds is Holds.SIGNAL:
+    if main.holds is Holds.SIGNAL and kind.is_linear:
         terms = fields.unit_term(main.name)
         book.require_analog(terms[0][0], doing, fields.tree(main.name).place)
         return terms

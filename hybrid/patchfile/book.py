@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 from collections.abc import Iterable
 from enum import Enum
 
@@ -72,6 +73,13 @@ class Book:
     def named(self, *roles: Role) -> tuple[str, ...]:
         """Names of these roles, sorted."""
         return tuple(sorted(name for name, role in self.roles.items() if role in roles))
+
+    @functools.cached_property
+    def controls(self) -> frozenset[str]:
+        """What can switch a component: comparators and DACs."""
+        analog = self.section("analog") or ()
+        comparators = (n for n, t, _ in analog if isinstance(t, Table) and "compare" in t.entries)
+        return frozenset((*comparators, *self.named(Role.DAC)))
 
     @property
     def signals(self) -> frozenset[str]:

@@ -24,6 +24,7 @@ def check_cords(
     for component in components:
         for signal, value in component.terms:
             _check_coefficient(book, component, signal, value)
+        _check_gain(book, component)
     dimensions = {a.word: a.dimension for a in program.assignments} if program else {}
     for dac in dacs:
         dimension = dimensions[dac.word]
@@ -33,6 +34,22 @@ def check_cords(
                 f"by its full_scale it must be {in_words(dac.dimension, dac.unit)}",
                 dac.place,
             )
+
+
+def _check_gain(book: Book, component: Component) -> None:
+    """The gain of a product or a quotient turns its unit into that of the component."""
+    inputs = tuple(book.scales[signal].dimension for signal in component.signals)
+    plain, gain = CATALOG[component.kind].result(inputs), component.values.get("gain")
+    if plain is None:
+        return
+    wanted = component.dimension / plain
+    found = dimension_of(gain.expr, book.scope) if gain else PURE
+    if found not in (None, PURE, wanted):
+        raise PatchError(
+            f"gain of component {component.name!r} must be {in_words(wanted)}: without it the result "
+            f"is in {plain}, and full_scale is in {component.dimension}",
+            component.place,
+        )
 
 
 def _check_coefficient(book: Book, component: Component, signal: str, value: Value) -> None:

@@ -125,6 +125,7 @@ def _numbers(patch: Patch) -> list[Value]:
         found += [part.full_scale, *part.errors.values()]
     for component in patch.components:
         found += [*component.values.values(), *(value for _, value in component.terms)]
+        found += [value for point in component.points for value in point]
     optional = [patch.run.until, patch.run.every, *(dac.initial for dac in patch.dacs)]
     for adc in patch.adcs:
         optional += [adc.range, adc.conversion_time]

@@ -1,0 +1,285 @@
+"""Nonlinear components: multiplier, divider, function generators, limiters, comparators, switches.
+
+Each gives an `Element` in problem units (SI); the compiler scales it to machine units and adds what all
+components share.
+"""
+
+from __future__ import annotations
+
+import itertools
+import math
+
+from hybrid import elements
+from hybrid.components.base import Given, Kind
+from hybrid.elements import Element
+from hybrid.language import Bound, Holds, Key, Unit
+from hybrid.units import Dimension
+
+GAIN = Key("gain", Holds.QUANTITY, "factor of the result", Unit.ANY, default="1")
+LOW = Key("low", Holds.QUANTITY, "lower limit", Unit.OWN, required=True)
+CONTROL = Key(
+    "control", Holds.SIGNAL, "a comparator, or a DAC (high above half scale)", required=True
+)
+HIGH = Key("high", Holds.QUANTITY, "upper limit", Unit.OWN, required=True)
+
+
+class Nonlinear(Kind):
+    """A kind with an element instead of a linear core; its main key names one signal or several."""
+
+    is_linear = False
+    symbol = "function"
+    inputs = 1
+
+    def element(self, given: Given) -> Element:
+        """The element, in SI units."""
+        raise NotImplementedError
+
+
+class Multiply(Nonlinear):
+    """The product of two signals."""
+
+    key, symbol, inputs = "multiply", "multiplier", 2
+    doc = "product of two signals"
+    main = Key("multiply", Holds.SIGNALS, "the two signals", required=True)
+    keys = (GAIN,)
+
+    def element(self, given: Given) -> Element:
+        """w = gain * a * b."""
+        a, b = given.signals
+        return Element(elements.PRODUCT, {a: given.values.get("gain", 1.0)}, second={b: 1.0})
+
+    def result(self, inputs: tuple[Dimension, ...]) -> Dimension:
+        """Dimension of the product."""
+        return inputs[0] * inputs[1]
+
+
+class Divide(Nonlinear):
+    """One signal divided by another."""
+
+    key, symbol, inputs = "divide", "divider", 2
+    doc = "the first signal divided by the second"
+    main = Key("divide", Holds.SIGNALS, "numerator and denominator", required=True)
+    keys = (GAIN,)
+
+    def element(self, given: Given) -> Element:
+        """w = gain * a / b."""
+        a, b = given.signals
+        return Element(elements.QUOTIENT, {a: given.values.get("gain", 1.0)}, second={b: 1.0})
+
+    def result(self, inputs: tuple[Dimension, ...]) -> Dimension:
+        """Dimension of the quotient."""
+        return inputs[0] / inputs[1]
+
+
+class SquareRoot(Nonlinear):
+    """The square root of a signal; 0 below 0."""
+
+    key = "square_root"
+    doc = "square root of a signal, 0 where it is negative"
+    main = Key("square_root", Holds.SIGNAL, "the signal", required=True)
+    keys = (GAIN,)
+
+    def element(self, given: Given) -> Element:
+        """w = gain * sqrt(a)."""
+        gain = given.values.get("gain", 1.0)
+        (a,) = given.signals
+        root = Element(elements.SQRT, {a: 1.0})
+        return elements.amplified(root, gain)
+
+    def result(self, inputs: tuple[Dimension, ...]) -> Dimension:
+        """Dimension of the root."""
+        return inputs[0] ** 0.5
+
+
+class SinOf(Nonlinear):
+    """Sine of an angle: half of a resolver."""
+
+    key, symbol = "sin", "resolver"
+    doc = "amplitude times the sine of a signal, an angle in rad"
+    main = Key("sin", Holds.SIGNAL, "the angle", required=True)
+    keys = (Key("amplitude", Holds.QUANTITY, "factor of the sine", Unit.OWN, default="1"),)
+    function = elements.SIN
+
+    def element(self, given: Given) -> Element:
+        """w = amplitude * sin(a)."""
+        (a,) = given.signals
+        wave = Element(self.function, {a: 1.0})
+        return elements.amplified(wave, given.values.get("amplitude", 1.0))
+
+
+class CosOf(SinOf):
+    """Cosine of an angle: the other half of a resolver."""
+
+    key = "cos"
+    doc = "amplitude times the cosine of a signal, an angle in rad"
+    main = Key("cos", Holds.SIGNAL, "the angle", required=True)
+    function = elements.COS
+
+
+class FunctionGenerator(Nonlinear):
+    """A function through points, by straight lines: a diode function generator."""
+
+    key, symbol = "function", "function generator"
+    doc = "function of a signal through given points, by straight lines"
+    main = Key("function", Holds.SIGNAL, "the signal", required=True)
+    keys = (
+        Key("points", Holds.POINTS, "input: output, two points or more", required=True),
+        Key(
+            "rounding",
+            Holds.QUANTITY,
+            "width over which each corner is rounded, in units of the input, as diodes round it",
+            Unit.ANY,
+            Bound.NOT_NEGATIVE,
+            default="0",
+        ),
+    )
+
+    def element(self, given: Given) -> Element:
+        """w = table(a); the outer lines are prolonged."""
+        (a,) = given.signals
+        x, y = zip(*given.points, strict=True)
+        rounding = given.values.get("rounding", 0.0)
+        return Element(elements.PIECES, {a: 1.0}, pieces=elements.table_pieces(x, y, rounding))
+
+    def unsuitable(self, given: Given) -> str:
+        """Points must ascend, further apart than the rounding is wide."""
+        x = [point[0] for point in given.points]
+        gaps = [b - a for a, b in itertools.pairwise(x)]
+        if len(x) < 2:
+            return "needs two points or more"
+        if min(gaps) <= 0.0:
+            return "has two points at one input"
+        if given.values.get("rounding", 0.0) >= min(gaps):
+            return f"has points {min(gaps):g} apart, so rounding must be less than that"
+        return ""
+
+
+class Absolute(Nonlinear):
+    """The size of a signal."""
+
+    key = "absolute"
+    doc = "absolute value of a signal"
+    main = Key("absolute", Holds.SIGNAL, "the signal", required=True)
+
+    def element(self, given: Given) -> Element:
+        """w = |a|."""
+        (a,) = given.signals
+        return Element(elements.PIECES, {a: 1.0}, pieces=elements.abs_pieces())
+
+
+class Limit(Nonlinear):
+    """A signal kept between two limits."""
+
+    key, symbol = "limit", "limiter"
+    doc = "a signal, limited"
+    main = Key("limit", Holds.SIGNAL, "the signal", required=True)
+    keys = (LOW, HIGH)
+
+    def element(self, given: Given) -> Element:
+        """w = min(max(a, low), high)."""
+        (a,) = given.signals
+        pieces = elements.limit_pieces(given.values["low"], given.values["high"])
+        return Element(elements.PIECES, {a: 1.0}, pieces=pieces, initial_piece=1)
+
+    def unsuitable(self, given: Given) -> str:
+        """The limits must leave something between them."""
+        low, high = given.values["low"], given.values["high"]
+        return "" if low < high else f"has low {low:g} not below high {high:g}"
+
+
+class DeadZone(Limit):
+    """Zero while a signal stays within a band, the distance from the band outside."""
+
+    key = "dead_zone"
+    doc = "0 from low to high, the distance beyond them outside"
+    main = Key("dead_zone", Holds.SIGNAL, "the signal", required=True)
+
+    def element(self, given: Given) -> Element:
+        """w = a - high above, a - low below, 0 between."""
+        (a,) = given.signals
+        pieces = elements.dead_zone_pieces(given.values["low"], given.values["high"])
+        return Element(elements.PIECES, {a: 1.0}, pieces=pieces, initial_piece=1)
+
+
+class Compare(Nonlinear):
+    """A comparator with hysteresis: one of two values, by the sign of a sum."""
+
+    key, symbol, inputs = "compare", "comparator", 0
+    doc = "high while the sum of its inputs is positive, else low"
+    main = Key("compare", Holds.TERMS, "signal: coefficient", required=True)
+    keys = (
+        Key("high", Holds.QUANTITY, "output while the sum is positive", Unit.OWN, required=True),
+        Key("low", Holds.QUANTITY, "output while it is negative", Unit.OWN, default="0"),
+        Key(
+            "hysteresis",
+            Holds.QUANTITY,
+            "the sum must pass zero by half of this to switch; in units of the sum",
+            Unit.ANY,
+            Bound.NOT_NEGATIVE,
+            default="0",
+        ),
+        Key("threshold", Holds.QUANTITY, "what the sum is compared with", Unit.ANY, default="0"),
+    )
+
+    def element(self, given: Given) -> Element:
+        """Rises at threshold + hysteresis / 2, falls at threshold - hysteresis / 2."""
+        values = given.values
+        half, at = values.get("hysteresis", 0.0) / 2, values.get("threshold", 0.0)
+        pieces = elements.comparator_pieces(
+            values.get("low", 0.0), values["high"], at - half, at + half
+        )
+        return Element(elements.PIECES, given.gains, pieces=pieces)
+
+
+class Switch(Nonlinear):
+    """A relay: one of two signals, as a comparator or a DAC says."""
+
+    key, symbol, inputs = "switch", "switch", 2
+    doc = "the first signal while the control is high, else the second"
+    main = Key("switch", Holds.SIGNALS, "signal while high, signal while low", required=True)
+    keys = (CONTROL,)
+
+    def element(self, given: Given) -> Element:
+        """w = a while control is high, else b."""
+        a, b = given.signals
+        return Element(elements.SWITCH, {a: 1.0}, second={b: 1.0}, control=given.control)
+
+
+class Track(Nonlinear):
+    """Track-store: follows a signal while told to, else holds its last value."""
+
+    key, symbol = "track", "track-store"
+    doc = "follows a signal while the control is high, else holds"
+    main = Key("track", Holds.SIGNAL, "the signal", required=True)
+    keys = (
+        CONTROL,
+        Key("initial", Holds.QUANTITY, "held before the first time", Unit.OWN, default="0"),
+    )
+
+    def element(self, given: Given) -> Element:
+        """w = a while control is high."""
+        (a,) = given.signals
+        initial = given.values.get("initial", 0.0)
+        return Element(elements.TRACK, {a: 1.0}, control=given.control, initial=initial)
+
+
+class Square(Nonlinear):
+    """A square wave, high first."""
+
+    key, symbol, inputs = "square", "source", 0
+    doc = "a square wave between plus and minus its amplitude, plus first"
+    main = Key("square", Holds.QUANTITY, "amplitude", Unit.OWN, required=True)
+    keys = (
+        Key("period", Holds.QUANTITY, "its period", Unit.TIME, Bound.POSITIVE, required=True),
+        Key("bias", Holds.QUANTITY, "mean value", Unit.OWN, default="0"),
+    )
+
+    def element(self, given: Given) -> Element:
+        """bias + amplitude * sign(sin(2 pi t / period)), from a sine and a comparator."""
+        amplitude, bias = given.values["square"], given.values.get("bias", 0.0)
+        pieces = elements.comparator_pieces(bias - amplitude, bias + amplitude, 0.0, 0.0)
+        return Element(elements.PIECES, {elements.INNER: 1.0}, pieces=pieces, initial_piece=1)
+
+    def inner(self, given: Given) -> Element:
+        """The sine that the comparator watches."""
+        return Element(elements.SINE, figures=(1.0, 2 * math.pi / given.values["period"], 0.0))
