@@ -156,28 +156,34 @@ def check(
 
 
 def _scaling(machine: Machine) -> tuple[ScaleRow, ...]:
-    analog, units, scales = machine.analog, signal_units(machine), full_scales(machine)
-    rates = analog.a @ analog.x0 + analog.b @ analog.u0
+    units, scales = signal_units(machine), full_scales(machine)
     kinds = {c.name: c.kind for c in machine.patch.components}
-    rows = []
-    for i, name in enumerate(analog.signals):
-        rate = None
-        if kinds.get(name) == "integrate":
-            core = name + ":core"
-            rate = float(rates[analog.states.index(core if core in analog.states else name)])
-        value = float(analog.static_value[i])
-        rows.append(
-            ScaleRow(
-                name,
-                kinds.get(name, "dac"),
-                scales[name],
-                units[name][0],
-                value * scales[name],
-                value,
-                rate,
-            )
+    values, rates = _settled(machine)
+    return tuple(
+        ScaleRow(
+            name,
+            kinds.get(name, "dac"),
+            scales[name],
+            units[name][0],
+            value * scales[name],
+            value,
+            rates[name] if kinds.get(name) == "integrate" else None,
         )
-    return tuple(rows)
+        for name, value in zip(machine.analog.signals, values, strict=True)
+    )
+
+
+def _settled(machine: Machine) -> tuple[list[float], dict[str, float]]:
+    """Every signal at t = 0 in order, and the rates of the integrators by name; machine units."""
+    analog = machine.analog
+    if machine.elements:
+        from hybrid.engine.windows import settled  # takes long to load
+
+        return settled(machine)
+    found = (analog.a @ analog.x0 + analog.b @ analog.u0).tolist()
+    rates = dict(zip(analog.states, found, strict=True))
+    cores = {s.removesuffix(":core"): rate for s, rate in rates.items() if s.endswith(":core")}
+    return analog.static_value.tolist(), {**rates, **cores}
 
 
 def _pots(machine: Machine) -> tuple[PotRow, ...]:
@@ -187,7 +193,10 @@ def _pots(machine: Machine) -> tuple[PotRow, ...]:
     for component in sorted(machine.patch.components, key=lambda c: c.name):
         values = {k: v.number(machine.parameters) for k, v in component.values.items()}
         gains = {s: v.number(machine.parameters) for s, v in component.terms}
-        core = CATALOG[component.kind].core(values, gains)
+        kind = CATALOG[component.kind]
+        if not kind.is_linear:
+            continue
+        core = kind.core(values, gains)
         own = scale[component.name]
         entries = {s: g * scale[s] / own for s, g in core.gains.items()}
         if core.feedback:

@@ -6,8 +6,10 @@ converters and the timing.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 
+from hybrid.circuits import Elements, build_circuit, is_linear
 from hybrid.errors import PatchError, RunError, did_you_mean, quoted
 from hybrid.layout import build_analog
 from hybrid.machine import Analog, Holder, Machine, OutputStage, Sampler, Timing
@@ -26,6 +28,8 @@ LONGEST_S = 1e15
 # Numbers in the record, 0.8 GB.
 MOST_RECORDED = 10**8
 LARGEST_SERIAL = 2**63 - 1
+# Saturation levels that make sense, in full scales, or the inverse of them.
+LEAST_SATURATION = 1e-3
 # An ADC's range, as a fraction of its signal's full scale, or the inverse of it.
 SMALLEST_RANGE = 1e-12
 
@@ -35,10 +39,12 @@ def compile_patch(
     overrides: Mapping[str, float] | None = None,
     machine: str | None = None,
     serial: int | None = None,
+    as_circuit: bool = False,
 ) -> Machine:
     """Compile for parameter values `overrides` (SI) on the machine preset named `machine`.
 
-    Args: machine and serial replace what the patch asks for. Raises PatchError for whatever is wrong
+    Args: machine and serial replace what the patch asks for; as_circuit: lay out even a linear analog
+    side as elements. Raises PatchError for whatever is wrong
     with the patch, RunError for an unknown preset.
     """
     scope = patch.bind(overrides)
@@ -50,7 +56,12 @@ def compile_patch(
     stages = {
         part.name: _output_stage(part, preset, common, serial, scope) for part in patch.analog_parts
     }
-    analog, steps = build_analog(patch, scope, stages)
+    elements: Elements = ()
+    saturates = any(stage.saturation < math.inf for stage in stages.values())
+    if is_linear(patch) and not saturates and not as_circuit:
+        analog, steps = build_analog(patch, scope, stages)
+    else:
+        analog, steps, elements = build_circuit(patch, scope, stages)
     adcs = sorted(patch.adcs, key=lambda adc: adc.name)
     dacs = sorted(patch.dacs, key=lambda dac: dac.name)
     tape = build_tape(patch.program, tuple(adc.name for adc in adcs), scope)
@@ -68,6 +79,7 @@ def compile_patch(
         steps,
         tape,
         _timing(patch, scope),
+        elements,
     )
 
 
@@ -101,7 +113,8 @@ def _output_stage(
     gain = 1.0 + figure("tolerance") * unit_error(serial, part.name, "gain")
     if noise == 0 and isinstance(part, Component) and part.kind == "constant":
         tau = 0.0  # settled before the run and never moves again: its lag would cost and do nothing
-    return OutputStage(tau, gain, figure("offset"), noise)
+    step_mu = _step_mu(part.bits, 1.0, preset) if isinstance(part, Dac) else 0.0
+    return OutputStage(tau, gain, figure("offset"), noise, figure("saturation"), step_mu)
 
 
 def _error_figure(key: str, value: Value, scope: Mapping[str, float]) -> float:
@@ -113,6 +126,14 @@ def _error_figure(key: str, value: Value, scope: Mapping[str, float]) -> float:
             "give 0 for no lag",
             value.place,
         )
+    if key == "saturation":
+        if not LEAST_SATURATION <= found <= 1.0 / LEAST_SATURATION:
+            raise PatchError(
+                f"{value.what} is {found:g} full scales; it must be from {LEAST_SATURATION:g} to "
+                f"{1.0 / LEAST_SATURATION:g}",
+                value.place,
+            )
+        return found
     if key != "tau" and abs(found) > 1.0:
         raise PatchError(
             f"{value.what} is {found:g}; it is a fraction of full scale, so at most 1 (0.01 % is 1e-4)",

@@ -17,6 +17,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from hybrid.components import CATALOG
 from hybrid.eigenvalues import Complex, eigenvalues
 from hybrid.engine.propagator import propagator
 from hybrid.errors import HybridError
@@ -52,6 +53,8 @@ class Mode:
 def exact_modes(machine: Machine) -> Complex:
     """Every mode s of the patch as the machine plays it, in rad/s (complex); forgotten ones left out."""
     analog = machine.analog
+    if machine.elements:
+        raise _not_linear(machine)
     keep = np.setdiff1d(np.arange(len(analog.states)), analog.sources)
     if not machine.timing.period:
         return eigenvalues(analog.a[np.ix_(keep, keep)])
@@ -60,6 +63,15 @@ def exact_modes(machine: Machine) -> Complex:
     shift = shift[shift != -1.0]  # polished to z = 0 itself, it is a result passing through
     modes: Complex = _log_one_plus(shift) / to_seconds(length_ticks)
     return modes
+
+
+def _not_linear(machine: Machine) -> NotLinear:
+    """Which component stands in the way of an exact prediction."""
+    for component in sorted(machine.patch.components, key=lambda c: c.place.line):
+        if not CATALOG[component.kind].linear_with(component.values):
+            what = f"component {component.name!r} ({component.kind}) is not linear"
+            return NotLinear(what, component.place)
+    return NotLinear("its outputs saturate")
 
 
 def _log_one_plus(shift: Complex) -> Complex:

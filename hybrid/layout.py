@@ -40,10 +40,10 @@ def build_analog(
 def _laid_out(
     patch: Patch, scope: tuple[tuple[str, float], ...], stages: tuple[tuple[str, OutputStage], ...]
 ) -> tuple[Analog, tuple[StepEvent, ...]]:
-    return _AnalogLayout(patch, dict(scope), dict(stages)).build()
+    return AnalogLayout(patch, dict(scope), dict(stages)).build()
 
 
-class _AnalogLayout:
+class AnalogLayout:
     """Rows of the linear analog side, collected by name and then made into matrices.
 
     A row is an array over z = [x; u]. Each dynamic core has a state `name:core` (or `name`, where the
@@ -61,9 +61,15 @@ class _AnalogLayout:
         self.scale = {s: self._full_scale(s, parts[s].full_scale, scope) for s in self.signals}
         self.units = {s: parts[s].factor for s in self.signals}
         self.cores = {name: self._core(c, scope) for name, c in self.components.items()}
-        self.initial_word = {name: d.initial.number(scope) for name, d in self.dacs.items()}
-        for name, value in self.initial_word.items():
+        initial_words = {name: d.initial.number(scope) for name, d in self.dacs.items()}
+        self.held_mu = {name: self._code(name, word) for name, word in initial_words.items()}
+        for name, value in initial_words.items():
             self._check_initial(name, value, self.dacs[name].initial)
+
+    def _code(self, name: str, word: float) -> float:
+        """What a DAC holds for a word: even the initial output is a code."""
+        held, step = word / self.scale[name], self.stages[name].step_mu
+        return float(np.rint(held / step)) * step if step else held
 
     @staticmethod
     def _full_scale(name: str, value: Value, scope: Mapping[str, float]) -> float:
@@ -84,7 +90,7 @@ class _AnalogLayout:
                 given.place,
             )
 
-    def _checked(self, name: str, figure: float) -> float:
+    def checked(self, name: str, figure: float) -> float:
         """A gain or rate in machine units that a machine can have."""
         if not abs(figure) <= LARGEST_FIGURE:
             raise PatchError(
@@ -100,13 +106,14 @@ class _AnalogLayout:
         core = CATALOG[component.kind].core(values, gains)
         if core.initial is not None:
             self._check_initial(component.name, core.initial, component.values["initial"])
-        self._checked(component.name, core.feedback)
+        self.checked(component.name, core.feedback)
         if core.oscillation:
-            self._checked(component.name, core.oscillation.omega)
+            self.checked(component.name, core.oscillation.omega)
         return core
 
     def build(self) -> tuple[Analog, tuple[StepEvent, ...]]:
-        self._reject_lagless_loops()
+        """The matrices, and the steps of the sources."""
+        self.reject_lagless_loops()
         states = self._name_states()
         step_names = [n for n, core in self.cores.items() if core.step]
         inputs = [ONE, *self.dacs, *step_names]
@@ -123,7 +130,7 @@ class _AnalogLayout:
         u0 = np.zeros(len(inputs))
         u0[0] = 1.0
         for i, name in enumerate(self.dacs):
-            u0[1 + i] = self.initial_word[name] / self.scale[name]
+            u0[1 + i] = self.held_mu[name]
         noisy = noise[:, np.any(noise != 0.0, axis=0)]
         analog = Analog(
             self.signals,
@@ -139,20 +146,19 @@ class _AnalogLayout:
             np.array([static[s] for s in self.signals]),
             tuple(i for i, s in enumerate(states) if s.endswith((":sin", ":cos"))),
         )
-        return analog, tuple(
-            self._step(n, len(self.dacs) + 1 + i) for i, n in enumerate(step_names)
-        )
+        return analog, tuple(self.step(n, len(self.dacs) + 1 + i) for i, n in enumerate(step_names))
 
-    def _step(self, name: str, index: int) -> StepEvent:
+    def step(self, name: str, index: int) -> StepEvent:
+        """The step of a source that drives held input `index`."""
         step = self.cores[name].step
         assert step is not None
-        height = self._checked(name, step.height / self.scale[name])
+        height = self.checked(name, step.height / self.scale[name])
         return StepEvent(name, index, height, to_ticks(step.at_s))
 
-    def _reject_lagless_loops(self) -> None:
+    def reject_lagless_loops(self) -> None:
         """Static parts without lag must not feed each other in a circle."""
         direct = {
-            name: sorted(core.gains)
+            name: self.inputs_of(name)
             for name, core in self.cores.items()
             if not core.dynamic and self.stages[name].tau == 0
         }
@@ -165,6 +171,10 @@ class _AnalogLayout:
                 "give one of them a tau above 0, or an integrator in between",
                 self.components[loop[0]].place,
             )
+
+    def inputs_of(self, name: str) -> list[str]:
+        """Signals that a component reads at the same instant."""
+        return sorted(self.cores[name].gains)
 
     def _name_states(self) -> list[str]:
         states = []
@@ -204,19 +214,19 @@ class _AnalogLayout:
         row = np.zeros(len(self.column))
         for signal in sorted(core.gains):
             gain = core.gains[signal] * self.scale[signal] / full_scale
-            row += self._checked(name, gain) * rows[signal]
-        row[self.column["u", ONE]] += self._checked(name, core.constant / full_scale)
+            row += self.checked(name, gain) * rows[signal]
+        row[self.column["u", ONE]] += self.checked(name, core.constant / full_scale)
         if core.step:
             row += self._unit_row("u", name)
         if core.oscillation:
-            amplitude = self._checked(name, core.oscillation.amplitude / full_scale)
+            amplitude = self.checked(name, core.oscillation.amplitude / full_scale)
             row += amplitude * self._unit_row("x", name + ":sin")
-        self._checked(name, float(np.max(np.abs(row))))
+        self.checked(name, float(np.max(np.abs(row))))
         row *= stage.gain
-        row[self.column["u", ONE]] += stage.offset * self._offset_rate(name)
+        row[self.column["u", ONE]] += stage.offset * self.offset_rate(name)
         return row
 
-    def _offset_rate(self, name: str) -> float:
+    def offset_rate(self, name: str) -> float:
         """What an offset adds to the core's rate: an integrator's is referred to its input and drifts
         by offset per second, with a leak or without; all others' add to the output."""
         core = self.cores[name]
@@ -265,11 +275,11 @@ class _AnalogLayout:
             source = core.constant
             if core.oscillation:
                 source += core.oscillation.amplitude * math.sin(core.oscillation.phase)
-            offset = stage.offset * self._offset_rate(name)
+            offset = stage.offset * self.offset_rate(name)
             right[i] = factor * (stage.gain * source / self.scale[name] + offset)
-        for name, value in self.initial_word.items():
+        for name, value in self.held_mu.items():
             stage = self.stages[name]
-            right[index[name]] = stage.gain * value / self.scale[name] + stage.offset
+            right[index[name]] = stage.gain * value + stage.offset
         try:
             settled = np.linalg.solve(matrix, right)
         except np.linalg.LinAlgError:

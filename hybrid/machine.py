@@ -7,11 +7,13 @@ the outputs of the DACs, and the step sources.
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 
 import numpy as np
 import numpy.typing as npt
 
+from hybrid.elements import Element
 from hybrid.patch import Patch
 from hybrid.tape import Tape
 
@@ -44,6 +46,8 @@ class OutputStage:
     gain: float = 1.0  # 1 + gain error
     offset: float = 0.0
     noise: float = 0.0  # rms
+    saturation: float = math.inf  # the output stays within
+    step_mu: float = 0.0  # one code of a DAC; 0: not quantised
 
 
 @dataclass(frozen=True, slots=True)
@@ -118,6 +122,7 @@ class Machine:
     steps: tuple[StepEvent, ...]
     tape: Tape
     timing: Timing
+    elements: tuple[tuple[str, Element], ...] = ()  # where the analog side is not linear
 
     @property
     def cycle_s(self) -> float:

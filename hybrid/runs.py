@@ -129,7 +129,7 @@ def run(
     most = compiled.patch.run.max_rows
     keep_every = -(-timeline.rows // most)
     pens = pens_for(compiled, readouts_only)
-    player = Player(compiled, timeline, pens, seed, keep_every)
+    player = _player_of(compiled)(compiled, timeline, pens, seed, keep_every)
     status, note = _play(player, progress)
     rows_note = f"every {_ordinal(keep_every)} row kept" if keep_every > 1 else ""
     every_s = to_seconds(compiled.timing.every * keep_every)
@@ -154,6 +154,15 @@ def run(
         )
         return replace(result, status="interrupted", status_note=note)
     return result
+
+
+def _player_of(machine: Machine) -> type[Player]:
+    """The engine for a machine: exact where the analog side is linear."""
+    if not machine.elements:
+        return Player
+    from hybrid.engine.windows import CircuitPlayer  # takes long to load
+
+    return CircuitPlayer
 
 
 def check_seed(seed: int) -> int:
@@ -193,6 +202,10 @@ def _play(player: Player, progress: Progress | None) -> tuple[str, str]:
             f"stopped at {player.done_s:.6g} s: a signal went beyond {kernel.RUNAWAY_MU:.0e} times "
             "its full scale; the patch is unstable"
         )
+    if player.outcome == kernel.CHATTERS:
+        return "stopped", f"stopped at {player.done_s:.6g} s: a comparator or limiter chatters"
+    if player.outcome == kernel.NOT_RESOLVED:
+        return "stopped", f"stopped at {player.done_s:.6g} s: the signals change too fast to follow"
     if player.outcome == kernel.NOT_FINITE:
         words = [
             w
@@ -204,7 +217,18 @@ def _play(player: Player, progress: Progress | None) -> tuple[str, str]:
             "the program computed no finite number for "
             f"{', '.join(words)} (a division by zero, or a root or logarithm of a negative number)"
         )
-    return "complete", ""
+    return "complete", _left_out(player.machine)
+
+
+def _left_out(machine: Machine) -> str:
+    """What the engine does not play of this machine; ''."""
+    noisy = sorted(name for name, stage in machine.stages.items() if stage.noise > 0.0)
+    if not machine.elements or not noisy:
+        return ""
+    return (
+        f"noise left out: the engine for analog sides that are not linear plays no component noise yet "
+        f"({', '.join(noisy[:3])}{' ...' if len(noisy) > 3 else ''})"
+    )
 
 
 def _cycle_text(player: Player) -> str:

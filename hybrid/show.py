@@ -75,8 +75,9 @@ def show_run(
         f"machine {machine.preset}, seed {run.seed}; {cycles}{len(run.time_s)} rows"
         + (f" ({run.rows_note})" if run.rows_note else "")
     )
-    if run.status != "complete":
-        console.print(f"[bold red]{escape(run.status_note)}[/]")
+    if run.status_note:
+        style = "yellow" if run.status == "complete" else "bold red"
+        console.print(f"[{style}]{escape(run.status_note)}[/]")
     modes = prediction.to_dicts() if isinstance(prediction, Prediction) else []
     for name, quantities in run.readouts.items():
         console.print()

@@ -109,7 +109,8 @@ STARTED, ENDED, SKIP, ROWS, DRAWS, REPEAT, CUE = range(7)
 TIMES, FIRST_REPEAT, FIRST_INSTANT, WORST_REPEAT, WORST_INSTANT, LAST = range(6)
 
 # Why the kernel came back.
-DONE, PAUSED, RUNAWAY, NOT_FINITE = range(4)
+# WAITING: no propagators, so the caller must advance the analog side or let it follow a jump.
+DONE, PAUSED, RUNAWAY, NOT_FINITE, WAITING, CHATTERS, NOT_RESOLVED = range(7)
 
 # Beyond this many machine units a run means nothing any more and soon overflows.
 RUNAWAY_MU = 1e12
@@ -243,8 +244,9 @@ def play(
 ) -> int:
     """Play the segment's cues from (counts[REPEAT], counts[CUE]) up to (stop_repeat, stop_cue).
 
-    Returns why it ended (PAUSED, RUNAWAY, NOT_FINITE). `normals` must hold enough draws for that, from
-    counts[DRAWS] on; every `keep_every`-th row of the record is kept, in `rows`.
+    Returns why it ended: PAUSED, RUNAWAY, NOT_FINITE, or WAITING at every ADVANCE and LOOK where there
+    are no propagators. `normals` must hold enough draws for that, from counts[DRAWS] on; every
+    `keep_every`-th row of the record is kept, in `rows`.
     """
     # Plain names, and no calls with arrays on the common path: both would count references.
     cues = score.cues
@@ -261,12 +263,15 @@ def play(
     started, ended = count[STARTED], count[ENDED]
     skip, row, drawn = count[SKIP], count[ROWS], count[DRAWS]
     repeat, at, last = count[REPEAT], count[CUE], cues[cues.shape[0] - 1, 2]
-    outcome = PAUSED
+    outcome, circuit = PAUSED, change.shape[0] == 0
     while outcome == PAUSED and (repeat < stop_repeat or (repeat == stop_repeat and at < stop_cue)):
         end = cues.shape[0] if repeat < stop_repeat else stop_cue
         while at < end:
             i = cues[at, 1]
             cue = cues[at, 0]
+            if circuit and cue in (ADVANCE, LOOK):
+                outcome = WAITING
+                break
             if cue == ADVANCE:
                 for j in range(draws[i]):
                     v[draws_at + j] = normals[drawn + j]

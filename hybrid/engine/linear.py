@@ -52,13 +52,13 @@ class Player:
         """Prepare the run; nothing is played yet. `keep_every`: rows of the record kept, 1 in n."""
         self.machine, self.timeline, self.keep_every = machine, timeline, keep_every
         intervals, self.offsets, self.scores = _score(machine, timeline)
-        self.plant = _plant(machine, intervals)
+        self.plant = self._analog_side(intervals)
         self.coupling, self.deck, self.pens = (
             _coupling(machine),
             _deck(machine),
             _pens(machine, pens),
         )
-        self.state = _state(machine, self.plant)
+        self.state = self._first_state()
         self.rows = np.empty((-(-timeline.rows // keep_every), len(pens)))
         self.normals = stream(seed, "noise")
         self.segment = 0
@@ -85,7 +85,23 @@ class Player:
         score, segment = self.scores[self.segment], self.timeline.segments[self.segment]
         self.state.counts[kernel.DRAWS] = 0
         normals = self.normals.standard_normal(self._draws_needed(segment, most_cues))
-        outcome = kernel.play(
+        outcome = self._play_to(score, normals, *self._position(most_cues))
+        if outcome == kernel.PAUSED and self.state.counts[kernel.REPEAT] == segment.repeats:
+            self._next_segment(segment)
+            outcome = kernel.DONE if self.segment == len(self.scores) else kernel.PAUSED
+        self.outcome = outcome
+
+    def _analog_side(self, intervals: list[int]) -> Plant:
+        """The analog side, ready to be advanced over these intervals (ticks)."""
+        return _plant(self.machine, intervals)
+
+    def _first_state(self) -> State:
+        """What changes during the run, as it is at t = 0."""
+        return _state(self.machine, self.plant)
+
+    def _play_to(self, score: Score, normals: Floats, stop_repeat: int, stop_cue: int) -> int:
+        """Play on in the segment; why it ended."""
+        outcome: int = kernel.play(
             score,
             self.plant,
             self.coupling,
@@ -95,12 +111,10 @@ class Player:
             normals,
             self.rows,
             self.keep_every,
-            *self._position(most_cues),
+            stop_repeat,
+            stop_cue,
         )
-        if outcome == kernel.PAUSED and self.state.counts[kernel.REPEAT] == segment.repeats:
-            self._next_segment(segment)
-            outcome = kernel.DONE if self.segment == len(self.scores) else kernel.PAUSED
-        self.outcome = outcome
+        return outcome
 
     @property
     def record(self) -> Floats:
@@ -199,7 +213,7 @@ class Player:
 def _score(machine: Machine, timeline: Timeline) -> tuple[list[int], list[list[int]], list[Score]]:
     """Distinct intervals in ticks; the offsets of the instants and the score of each segment."""
     numbers: dict[int, int] = {}
-    looks = bool(_sums(machine))
+    looks = bool(_sums(machine)) or bool(machine.elements)
     offsets, scores = [], []
     for segment in timeline.segments:
         cues, at = _cues(segment, numbers, looks)
@@ -261,6 +275,8 @@ def _at_once(cues: list[Cue]) -> list[Cue]:
 
 def _sums(machine: Machine) -> tuple[int, ...]:
     """Signals that are no states: combinations of states and inputs."""
+    if machine.elements:
+        return ()
     states = set(machine.analog.states)
     return tuple(i for i, name in enumerate(machine.analog.signals) if name not in states)
 
@@ -297,6 +313,8 @@ def _plant(machine: Machine, intervals: list[int]) -> Plant:
 def _places(machine: Machine) -> list[int]:
     """Where each signal stands in the kernel's v."""
     analog, sums = machine.analog, _sums(machine)
+    if machine.elements:
+        return list(range(len(analog.signals)))
     first = _padding(len(sums) + len(analog.states))
     place = {analog.signals[s]: first + i for i, s in enumerate(sums)}
     place |= {name: first + len(sums) + i for i, name in enumerate(analog.states)}
@@ -339,10 +357,6 @@ def _state(machine: Machine, plant: Plant) -> State:
     words = len(machine.tape.words)
     watched = len(analog.signals) + len(machine.samplers) + len(machine.holders)
     z = np.concatenate([analog.x0, analog.u0])
-    for holder in machine.holders:  # even the initial output of a DAC is a code
-        if holder.step_mu:
-            at = len(analog.x0) + holder.input
-            z[at] = np.rint(z[at] / holder.step_mu) * holder.step_mu
     sums = list(_sums(machine))
     rank = plant.change.shape[2] - len(analog.x0) - len(analog.u0)
     padding = np.zeros(_padding(len(sums) + len(analog.x0)))

@@ -1,0 +1,205 @@
+"""Layout of an analog side that is not linear: its elements in machine units.
+
+Stage 3, beside `layout`, which makes matrices of a linear one. A component becomes one element or two:
+a source that swings or jumps, or a wanted lag with a lag of its own, has a hidden one in front.
+"""
+
+from __future__ import annotations
+
+import functools
+import math
+from collections.abc import Iterator, Mapping
+from dataclasses import replace
+
+import numpy as np
+
+from hybrid.components import CATALOG, Core, Given
+from hybrid.components.linear import Integrate
+from hybrid.elements import INNER, INPUT, INTEGRATE, SINE, SUM, Element
+from hybrid.errors import PatchError
+from hybrid.layout import ONE, AnalogLayout
+from hybrid.machine import Analog, OutputStage, StepEvent
+from hybrid.patch import Component, Patch
+
+Elements = tuple[tuple[str, Element], ...]
+
+
+def is_linear(patch: Patch) -> bool:
+    """Whether every component of the patch is linear, so that matrices describe it."""
+    return all(CATALOG[c.kind].linear_with(c.values) for c in patch.components)
+
+
+def build_circuit(
+    patch: Patch, scope: Mapping[str, float], stages: Mapping[str, OutputStage]
+) -> tuple[Analog, tuple[StepEvent, ...], Elements]:
+    """Lay out and scale the analog side as elements; `stages` gives each component's errors."""
+    used = tuple((name, scope[name]) for name in patch.analog_parameters)
+    return _laid_out(patch, used, tuple(sorted(stages.items(), key=lambda entry: entry[0])))
+
+
+@functools.lru_cache(maxsize=64)
+def _laid_out(
+    patch: Patch, scope: tuple[tuple[str, float], ...], stages: tuple[tuple[str, OutputStage], ...]
+) -> tuple[Analog, tuple[StepEvent, ...], Elements]:
+    return _CircuitLayout(patch, dict(scope), dict(stages)).build_circuit()
+
+
+class _CircuitLayout(AnalogLayout):
+    """Elements by name; an element of a linear kind comes from its core."""
+
+    def _core(self, component: Component, scope: Mapping[str, float]) -> Core:
+        """A core where the kind has one; of the others what they are given is kept."""
+        kind = CATALOG[component.kind]
+        given = _given(component, scope)
+        complaint = kind.unsuitable(given)
+        if complaint:
+            raise PatchError(f"component {component.name!r} {complaint}", component.place)
+        self.given = {**getattr(self, "given", {}), component.name: given}
+        return super()._core(component, scope) if kind.is_linear else Core()
+
+    def build_circuit(self) -> tuple[Analog, tuple[StepEvent, ...], Elements]:
+        """Everything the machine needs of the analog side."""
+        self.reject_lagless_loops()
+        step_names = [name for name, core in self.cores.items() if core.step]
+        inputs = (ONE, *self.dacs, *step_names)
+        u0 = np.zeros(len(inputs))
+        u0[0] = 1.0
+        for i, name in enumerate(self.dacs):
+            u0[1 + i] = self.held_mu[name]
+        none, count = np.zeros((0, 0)), len(self.signals)
+        analog = Analog(
+            self.signals,
+            (),
+            inputs,
+            none,
+            np.zeros((0, len(inputs))),
+            none,
+            np.zeros((count, len(inputs))),
+            np.zeros(0),
+            u0,
+            np.array([self.scale[s] for s in self.signals]),
+            np.full(count, math.nan),
+            (),
+        )
+        steps = tuple(self.step(n, len(self.dacs) + 1 + i) for i, n in enumerate(step_names))
+        found = [pair for name in self.signals for pair in self._elements(name)]
+        return analog, steps, tuple(found)
+
+    def inputs_of(self, name: str) -> list[str]:
+        """Signals that a component reads at the same instant."""
+        return list(self.components[name].sources)
+
+    def _elements(self, name: str) -> Iterator[tuple[str, Element]]:
+        """The hidden element of a signal, if it has one, and its own."""
+        stage = self.stages[name]
+        if name in self.dacs:
+            yield name, _with_errors(Element(INPUT), stage)
+        elif not CATALOG[self.components[name].kind].is_linear:
+            yield from self._nonlinear(name, stage)
+        elif self.cores[name].dynamic:
+            yield from self._dynamic(name, stage)
+        else:
+            yield from self._static(name, stage)
+
+    def _static(self, name: str, stage: OutputStage) -> Iterator[tuple[str, Element]]:
+        core, full_scale = self.cores[name], self.scale[name]
+        first, hidden = self._scaled(core.gains, name), f"{name}:source"
+        if core.step:
+            yield hidden, Element(INPUT)
+            first = {**first, hidden: 1.0}
+        if core.oscillation:
+            wave = core.oscillation
+            amplitude = self.checked(name, wave.amplitude / full_scale)
+            yield hidden, Element(SINE, figures=(amplitude, wave.omega, wave.phase))
+            first = {**first, hidden: 1.0}
+        constant = self.checked(name, core.constant / full_scale)
+        yield name, _with_errors(Element(SUM, first, constant), stage)
+
+    def _dynamic(self, name: str, stage: OutputStage) -> Iterator[tuple[str, Element]]:
+        """An integrator, or a lag that the problem wants."""
+        core, full_scale = self.cores[name], self.scale[name]
+        first = self._scaled(core.gains, name)
+        if core.initial is None:  # a lag that begins settled
+            time_s = -1.0 / core.feedback
+            settled = {signal: gain * time_s for signal, gain in first.items()}
+            lag = Element(
+                SUM,
+                settled,
+                gain=stage.gain,
+                offset=stage.offset,
+                lag_s=time_s,
+                saturation=stage.saturation,
+            )
+            if stage.tau == 0.0:
+                yield name, lag
+                return
+            yield f"{name}:core", lag
+            yield name, Element(SUM, {f"{name}:core": 1.0}, lag_s=stage.tau)
+            return
+        limits = None
+        kind = CATALOG[self.components[name].kind]
+        if isinstance(kind, Integrate):
+            found = kind.limits(self.given[name].values)
+            limits = (found[0] / full_scale, found[1] / full_scale) if found else None
+        yield (
+            name,
+            Element(
+                INTEGRATE,
+                {signal: gain * stage.gain for signal, gain in first.items()},
+                stage.offset * self.offset_rate(name),
+                figures=(core.feedback,),
+                limits=limits,
+                initial=core.initial / full_scale,
+                lag_s=stage.tau,
+            ),
+        )
+
+    def _nonlinear(self, name: str, stage: OutputStage) -> Iterator[tuple[str, Element]]:
+        """The kind's element, which is in SI units inside, with inputs and output scaled."""
+        kind, given, full_scale = (
+            CATALOG[self.components[name].kind],
+            self.given[name],
+            self.scale[name],
+        )
+        made, hidden = kind.element(given), f"{name}:source"
+        inner = kind.inner(given)
+        if inner:
+            yield hidden, inner
+        yield (
+            name,
+            replace(
+                made,
+                first=self._in_si(made.first, hidden),
+                second=self._in_si(made.second, hidden),
+                initial=made.initial / full_scale,
+                gain=self.checked(name, made.gain / full_scale) * stage.gain,
+                offset=stage.offset,
+                lag_s=stage.tau,
+            ),
+        )
+
+    def _scaled(self, gains: Mapping[str, float], name: str) -> dict[str, float]:
+        """Gains in machine units."""
+        own = self.scale[name]
+        return {s: self.checked(name, gains[s] * self.scale[s] / own) for s in sorted(gains)}
+
+    def _in_si(self, gains: Mapping[str, float], hidden: str) -> dict[str, float]:
+        return {
+            hidden if s == INNER else s: gain * (1.0 if s == INNER else self.scale[s])
+            for s, gain in gains.items()
+        }
+
+
+def _with_errors(element: Element, stage: OutputStage) -> Element:
+    return replace(element, gain=stage.gain * element.gain, offset=stage.offset, lag_s=stage.tau)
+
+
+def _given(component: Component, scope: Mapping[str, float]) -> Given:
+    points = sorted((x.number(scope), y.number(scope)) for x, y in component.points)
+    return Given(
+        {key: value.number(scope) for key, value in component.values.items()},
+        {signal: value.number(scope) for signal, value in component.terms},
+        component.signals,
+        component.control,
+        tuple(points),
+    )

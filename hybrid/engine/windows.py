@@ -1,0 +1,234 @@
+"""The nonlinear engine as a player: what lies between two instants is played by `relaxation`.
+
+Stage 4. Everything else (converters, program, record, overloads) is the exact engine's: its kernel comes
+back wherever the analog side must be advanced, or must follow a jump.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+
+from hybrid.elements import INPUT
+from hybrid.engine import kernel
+from hybrid.engine.circuit import Builder, Circuit
+from hybrid.engine.corners import Log, new_log
+from hybrid.engine.kernel import Coupling, Deck, Floats, Ints, Pens, Plant, Score, State, compiled
+from hybrid.engine.linear import Player
+from hybrid.engine.nodes import Nodes, Shelf, new_shelf, nodes
+from hybrid.engine.relaxation import CHATTER, RUNAWAY, advance, no_pen
+from hybrid.engine.relaxation import Pen as WindowPen
+from hybrid.engine.sweep import DRIVE, new_state
+from hybrid.engine.sweep import State as CircuitState
+from hybrid.machine import Machine
+from hybrid.scale import to_seconds
+
+NODES = 8
+# How well every signal is resolved, as a fraction of full scale.
+RESOLUTION = 1e-9
+# Instants between two looks at Ctrl-C.
+CHUNK_ADVANCES = 2000
+
+
+class Side(NamedTuple):
+    """The analog side of one run: the circuit, its state and where its signals and inputs stand."""
+
+    circuit: Circuit
+    state: CircuitState
+    shelf: Shelf
+    grid: Nodes
+    log: Log
+    no_pen: WindowPen
+    place: Ints  # (signals,): element of each signal
+    held: Ints  # (inputs of the circuit,): which of the machine's held inputs
+    clock: Floats  # (1,): s, until when it has been played where it stopped
+
+
+class Clock(NamedTuple):
+    """Times of one segment, in s."""
+
+    start_s: float
+    length_s: float
+    instants_s: Floats  # (instants,): offsets
+    intervals_s: Floats  # (intervals,)
+
+
+@compiled
+def follow(
+    side: Side, plant: Plant, state: State, t_s: float, duration_s: float, at: int, last: int
+) -> int:
+    """Advance the circuit (by nothing: let it follow a jump) and show its signals; why it ended."""
+    v, inputs_at = state.v, plant.kept.shape[0]
+    for i in range(side.held.shape[0]):
+        side.state.held[i] = v[inputs_at + side.held[i]]
+    why, done_s = advance(
+        side.circuit,
+        side.state,
+        side.shelf,
+        side.grid,
+        t_s,
+        duration_s,
+        RESOLUTION,
+        side.log,
+        side.no_pen,
+    )
+    beyond = 0
+    for s in range(side.place.shape[0]):
+        v[s] = side.state.start[side.place[s]]
+        beyond += abs(v[s]) > 1.0
+    if beyond > 0:
+        repeat = state.counts[kernel.REPEAT]
+        kernel.watch(plant.signal, v, state.overload, state.beyond, repeat, at, last)
+    if why == 0:
+        return kernel.WAITING
+    side.clock[0] = t_s + done_s
+    if why == RUNAWAY:
+        return kernel.RUNAWAY
+    return kernel.CHATTERS if why == CHATTER else kernel.NOT_RESOLVED
+
+
+@compiled
+def play_circuit(
+    score: Score,
+    plant: Plant,
+    coupling: Coupling,
+    deck: Deck,
+    pens: Pens,
+    state: State,
+    normals: Floats,
+    rows: Floats,
+    keep_every: int,
+    stop_repeat: int,
+    stop_cue: int,
+    side: Side,
+    clock: Clock,
+) -> int:
+    """Like `kernel.play`, with the circuit as the analog side; at most CHUNK_ADVANCES instants."""
+    cues, count = score.cues, state.counts
+    last = cues[cues.shape[0] - 1, 2]
+    for _ in range(CHUNK_ADVANCES):
+        outcome = kernel.play(
+            score,
+            plant,
+            coupling,
+            deck,
+            pens,
+            state,
+            normals,
+            rows,
+            keep_every,
+            stop_repeat,
+            stop_cue,
+        )
+        if outcome != kernel.WAITING:
+            return int(outcome)
+        cue = count[kernel.CUE]
+        at = cues[cue, 2]
+        t_s, duration_s = clock.start_s + count[kernel.REPEAT] * clock.length_s, 0.0
+        if cues[cue, 0] == kernel.ADVANCE:
+            duration_s = clock.intervals_s[cues[cue, 1]]
+            t_s += clock.instants_s[at - 1]
+        else:
+            t_s += clock.instants_s[at]
+        outcome = follow(side, plant, state, t_s, duration_s, at, last)
+        if outcome != kernel.WAITING:
+            return int(outcome)
+        count[kernel.CUE] += 1
+        if count[kernel.CUE] == cues.shape[0]:
+            count[kernel.CUE], count[kernel.REPEAT] = 0, count[kernel.REPEAT] + 1
+    return kernel.PAUSED
+
+
+class CircuitPlayer(Player):
+    """One run of a machine whose analog side is a circuit."""
+
+    side: Side
+    clocks: tuple[Clock, ...]
+
+    def _analog_side(self, intervals: list[int]) -> Plant:
+        """A plant without propagators; the circuit is `side`."""
+        self.side = _side(self.machine)
+        intervals_s = np.array([to_seconds(t) for t in intervals])
+        self.clocks = tuple(
+            Clock(
+                to_seconds(segment.start),
+                to_seconds(segment.length),
+                np.array([to_seconds(t) for t in offsets]),
+                intervals_s,
+            )
+            for segment, offsets in zip(self.timeline.segments, self.offsets, strict=True)
+        )
+        signals, inputs = len(self.machine.analog.signals), len(self.machine.analog.inputs)
+        return Plant(
+            np.zeros((0, 0, inputs, 8)),
+            np.zeros(signals),
+            np.zeros(len(intervals), dtype=np.int64),
+            np.arange(signals),
+            np.zeros((inputs, 0)),
+        )
+
+    def _first_state(self) -> State:
+        """Every signal settled at t = 0."""
+        state = super()._first_state()
+        count = len(self.machine.analog.signals)
+        v = np.concatenate([np.zeros(count), state.v])
+        state = state._replace(v=v, next_v=np.zeros(count))
+        follow(self.side, self.plant, state, 0.0, 0.0, 0, 1)
+        state.overload[:], state.beyond[:] = 0, 0.0
+        return state
+
+    def _play_to(self, score: Score, normals: Floats, stop_repeat: int, stop_cue: int) -> int:
+        outcome: int = play_circuit(
+            score,
+            self.plant,
+            self.coupling,
+            self.deck,
+            self.pens,
+            self.state,
+            normals,
+            self.rows,
+            self.keep_every,
+            stop_repeat,
+            stop_cue,
+            self.side,
+            self.clocks[self.segment],
+        )
+        return outcome
+
+
+def settled(machine: Machine) -> tuple[list[float], dict[str, float]]:
+    """Every signal at t = 0, in order, and what each integrator integrates then; machine units."""
+    side = _side(machine)
+    inputs = machine.analog.u0[side.held]
+    side.state.held[:] = inputs
+    advance(
+        side.circuit, side.state, side.shelf, side.grid, 0.0, 0.0, RESOLUTION, side.log, side.no_pen
+    )
+    values = side.state.start[side.place].tolist()
+    drives = zip(machine.analog.signals, side.state.memory[side.place, DRIVE].tolist(), strict=True)
+    return values, dict(drives)
+
+
+def _side(machine: Machine) -> Side:
+    builder = Builder()
+    inputs = machine.analog.inputs
+    held = []
+    for name, element in machine.elements:
+        builder.add(name, element)
+        if element.kind == INPUT:
+            builder.inputs.append(name)
+            held.append(inputs.index(name.removesuffix(":source")))
+    circuit, number = builder.build()
+    grid = nodes(NODES)
+    return Side(
+        circuit,
+        new_state(circuit, NODES),
+        new_shelf(NODES, len(circuit.laws)),
+        grid,
+        new_log(),
+        no_pen(),
+        np.array([number[s] for s in machine.analog.signals], dtype=np.int64),
+        np.array(held, dtype=np.int64),
+        np.zeros(1),
+    )

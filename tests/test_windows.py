@@ -1,0 +1,81 @@
+"""The nonlinear engine inside a machine: converters, program, sources and record as in the exact one."""
+
+import numpy as np
+import pytest
+
+import hybrid
+from hybrid.compiler import compile_patch
+from hybrid.engine.windows import CircuitPlayer, settled
+from hybrid.record import pens_for
+from hybrid.runs import run
+from hybrid.timeline import build_timeline
+
+# Every linear kind, converters with skew and conversion time, a program with memory, a late step.
+EVERYTHING = """
+title: Every linear kind, with and without lags
+parameters: {tau: 1 us}
+machine: {preset: nominal, noise: 0, offset: 1e-3, tau: tau}
+analog:
+  wave: {sine: 0.3, omega: 40 rad/s, phase: 1, bias: 0.1, full_scale: 1}
+  jump: {step: 0.4, at: 33 ms, before: -0.1, full_scale: 1}
+  fixed: {constant: 0.25, full_scale: 1}
+  mix: {sum: {wave: 0.5, jump: -1, answer: 0.3}, full_scale: 2}
+  turned: {invert: mix, full_scale: 2}
+  pot: {coefficient: {turned: 0.7}, full_scale: 2}
+  slow: {lag: {pot: 1, fixed: 0.5}, time_constant: 20 ms, full_scale: 2}
+  primed: {lag: {mix: 1}, time_constant: 5 ms, initial: 0.2, full_scale: 2}
+  speed: {integrate: {place: -900, slow: 30}, initial: 0.3, leak: 2 1/s, full_scale: 30}
+  place: {integrate: {speed: 1}, initial: -0.5, full_scale: 1}
+interface:
+  s_place: {adc: place, bits: 14, channel: 1, conversion_time: 0.2 ms}
+  s_slow: {adc: slow, bits: 12, conversion_time: 0.1 ms}
+  answer: {dac: word, bits: 12, full_scale: 2, initial: 0.1}
+digital:
+  period: 4 ms
+  compute_time: 6 ms
+  skew: 0.3 ms
+  remember: {word: 0.05}
+  program: {word: 0.4*previous(word) - 0.2*s_place + 0.1*s_slow}
+run: {until: 120.5 ms, every: 1.3 ms}
+"""
+
+
+@pytest.mark.parametrize("tau", [0.0, 1e-9, 1e-6, 1e-3])
+def test_it_agrees_with_the_exact_engine_on_a_linear_patch(tau):
+    patch = hybrid.parse_patch(EVERYTHING)
+    exact = run(compile_patch(patch, {"tau": tau}))
+    windows = run(compile_patch(patch, {"tau": tau}, as_circuit=True))
+    scale = np.array([p.factor if p.kind != "word" else 1.0 for p in exact.pens])
+    assert [p.name for p in exact.pens] == [p.name for p in windows.pens]
+    assert np.max(np.abs(exact.rows - windows.rows) / scale) < 1e-9
+
+
+@pytest.mark.parametrize("name", ["pitch_loop", "pitch_loop_lead", "pitch_loop_analog"])
+def test_it_agrees_with_the_exact_engine_on_the_shipped_patches(name):
+    patch = hybrid.read_patch(hybrid.shipped_patches()[name])
+    exact = run(compile_patch(patch, machine="lags"))
+    windows = run(compile_patch(patch, machine="lags", as_circuit=True))
+    scale = np.array([p.factor if p.kind != "word" else 1.0 for p in exact.pens])
+    assert np.max(np.abs(exact.rows - windows.rows) / scale) < 1e-9
+
+
+def test_cue_by_cue_gives_the_same_bits():
+    machine = compile_patch(hybrid.parse_patch(EVERYTHING), as_circuit=True)
+    timeline, pens = build_timeline(machine), pens_for(machine)
+    at_once = CircuitPlayer(machine, timeline, pens)
+    for _ in at_once.play():
+        pass
+    stepped = CircuitPlayer(machine, timeline, pens)
+    while stepped.outcome == 1:
+        stepped.play_cues(1)
+    np.testing.assert_array_equal(at_once.record, stepped.record)
+
+
+def test_the_static_check_is_that_of_the_exact_engine():
+    patch = hybrid.parse_patch(EVERYTHING)
+    values, rates = settled(compile_patch(patch, as_circuit=True))
+    exact = hybrid.check(patch)
+    np.testing.assert_allclose(values, [row.value_mu for row in exact.scaling], atol=1e-15)
+    for row in exact.scaling:
+        if row.rate_mu is not None and row.signal != "speed":  # the leak is no input
+            assert rates[row.signal] == pytest.approx(row.rate_mu, abs=1e-12)
