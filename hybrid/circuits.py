@@ -150,6 +150,7 @@ class _CircuitLayout(AnalogLayout):
                 figures=(core.feedback,),
                 limits=limits,
                 initial=core.initial / full_scale,
+                saturation=stage.saturation,
                 lag_s=stage.tau,
             ),
         )
@@ -174,6 +175,7 @@ class _CircuitLayout(AnalogLayout):
                 initial=made.initial / full_scale,
                 gain=self.checked(name, made.gain / full_scale) * stage.gain,
                 offset=stage.offset,
+                saturation=stage.saturation,
                 lag_s=stage.tau,
             ),
         )
@@ -191,7 +193,14 @@ class _CircuitLayout(AnalogLayout):
 
 
 def _with_errors(element: Element, stage: OutputStage) -> Element:
-    return replace(element, gain=stage.gain * element.gain, offset=stage.offset, lag_s=stage.tau)
+    """The element with the errors of its output stage."""
+    return replace(
+        element,
+        gain=stage.gain * element.gain,
+        offset=stage.offset,
+        saturation=stage.saturation,
+        lag_s=stage.tau,
+    )
 
 
 def _given(component: Component, scope: Mapping[str, float]) -> Given:

@@ -262,6 +262,7 @@ def _overloads(machine: Machine, found: tuple[Overload, ...]) -> tuple[dict[str,
                 "worst_value": o.worst_mu * scale,
                 "worst_time_s": o.worst_time_s,
                 "instants": o.instants,
+                "duration_s": o.duration_s,
                 "units": units[name][0],
                 "full_scale": scales[name],
             }

@@ -79,3 +79,81 @@ def test_the_static_check_is_that_of_the_exact_engine():
     for row in exact.scaling:
         if row.rate_mu is not None and row.signal != "speed":  # the leak is no input
             assert rates[row.signal] == pytest.approx(row.rate_mu, abs=1e-12)
+
+
+def test_an_overload_is_told_with_its_times_and_its_worst_value():
+    """x = 1.5 sin(200 t): beyond from asin(2/3)/200 on, for (pi - 2 asin(2/3))/200 in each half."""
+    patch = hybrid.parse_patch(
+        """
+title: An oscillator that is scaled too small
+machine: ideal
+analog:
+  v: {integrate: {x: -200}, initial: 1.5, full_scale: 2}
+  x: {integrate: {v: 200}, initial: 0, full_scale: 1}
+  half: {limit: x, low: -0.5, high: 0.5, full_scale: 1}
+run: {until: 31.4 ms, every: 31.4 ms}
+"""
+    )
+    (found,) = run(patch).overloads
+    enters = np.arcsin(2 / 3) / 200
+    assert found["signal"] == "x" and found["value"] == pytest.approx(1.0, abs=0.2)
+    # Straight lines between points 1/10 of a window apart: second order in 200 * 1e-4.
+    assert found["time_s"] == pytest.approx(enters, abs=2e-5)
+    assert abs(found["worst_value"]) == pytest.approx(1.5, abs=0.01)
+    assert found["duration_s"] == pytest.approx(2 * (np.pi - 2 * np.arcsin(2 / 3)) / 200, rel=0.01)
+
+
+def test_an_output_stays_within_its_saturation_and_an_integrator_does_not_wind_up():
+    """x' = 100 to 1.2 full scales at 12 ms, then x' = -100 from 30 ms on: back at 0.2 at 40 ms."""
+    patch = hybrid.parse_patch(
+        """
+title: An integrator driven into saturation and out again
+machine: ideal
+analog:
+  drive: {step: -1, before: 1, at: 30 ms, full_scale: 1}
+  x: {integrate: {drive: 100}, initial: 0, full_scale: 1, saturation: 1.2}
+  twice: {sum: {x: 2}, full_scale: 1, saturation: 1.5}
+run: {until: 40 ms, every: 10 ms}
+"""
+    )
+    result = run(patch)
+    columns = {pen.name: i for i, pen in enumerate(result.pens)}
+    np.testing.assert_allclose(result.rows[:, columns["x"]], [0, 1, 1.2, 1.2, 0.2], atol=1e-12)
+    np.testing.assert_allclose(
+        result.rows[:, columns["twice"]], [0, 1.5, 1.5, 1.5, 0.4], atol=1e-12
+    )
+    worst = {o["signal"]: o["worst_value"] for o in result.overloads}
+    assert worst == {"twice": pytest.approx(1.5), "x": pytest.approx(1.2)}
+
+
+def test_an_unstable_patch_stops_with_its_overloads():
+    patch = hybrid.parse_patch(
+        """
+title: A cubic that runs away
+machine: lags
+analog:
+  x: {integrate: {cube: 100}, initial: 0.9, full_scale: 1}
+  square: {multiply: [x, x], full_scale: 1}
+  cube: {multiply: [square, x], full_scale: 1}
+run: {until: 1 s, every: 1 ms}
+"""
+    )
+    result = run(patch)
+    assert result.status == "stopped"
+    assert {o["signal"] for o in result.overloads} == {"x", "square", "cube"}
+    assert np.all(np.isfinite(result.rows))
+
+
+def test_a_comparator_that_chatters_is_reported():
+    patch = hybrid.parse_patch(
+        """
+title: A relay without hysteresis around an integrator
+machine: ideal
+analog:
+  x: {integrate: {relay: -100}, initial: 0.1, full_scale: 1}
+  relay: {compare: {x: 1}, high: 1, low: -1, full_scale: 1}
+run: {until: 1 s, every: 1 ms}
+"""
+    )
+    result = run(patch)
+    assert result.status == "stopped" and "chatters" in result.status_note

@@ -36,6 +36,7 @@ class Overload:
     worst_mu: float
     worst_time_s: float
     instants: int
+    duration_s: float | None = None  # where the engine looks between instants, too
 
 
 class Player:

@@ -27,20 +27,26 @@ from hybrid.engine.sweep import (
     AGE,
     BEFORE,
     BEFORE_END,
+    BEYOND_S,
     CRUISE,
     DRIVE,
     DRIVE_END,
     EVENTS,
+    FIRST_S,
     FIRST_SHARE,
+    FIRST_VALUE,
     KNOWN,
     LENGTH,
     REJECTED,
     ROWS,
     STARTED,
     SUM_OF_ERRORS,
+    TIMES,
     WAIT,
     WINDOWS,
     WORST,
+    WORST_S,
+    WORST_VALUE,
     X_END,
     State,
     X,
@@ -56,6 +62,8 @@ LAYER_LAGS = 45.0
 SHORTEST_S = 1e-15
 # Windows to wait before trying again a length at which the loops did not agree.
 PATIENCE = 30
+# A lag that settles at full scale may stand above it by rounding.
+FULL_SCALE = 1.0 + 1e-12
 # So many events of one corner within so many of the shortest lag are chatter.
 CHATTER_EVENTS = 64
 CHATTER_LAGS = 4.0
@@ -113,6 +121,7 @@ def advance(
         if corner < 0:
             now = duration_s if length == duration_s - now else now + length
             _record(state, grid, pen, now, length)
+            _watch(state, grid, t_s + now - length, length)
             _accept(circuit, state, grid, length, tail, tolerance)
             _adapt(state, length, tail, rtol)
             cap = math.inf
@@ -124,6 +133,7 @@ def advance(
             if length > 0.0:
                 now = min(now + length, duration_s)
                 _record(state, grid, pen, now, length)
+                _watch(state, grid, t_s + now - length, length)
                 _accept(circuit, state, grid, length, tail, tolerance)
             change_piece(circuit, state, corner, by, now, log)
             settle(circuit, state, t_s, now, log, False)
@@ -220,6 +230,44 @@ def _tail(state: State, grid: Nodes) -> float:
         if not tail <= worst:
             worst = tail
     return worst
+
+
+@compiled
+def _watch(state: State, grid: Nodes, t_s: float, length_s: float) -> None:
+    """Note every signal that is beyond full scale in the window that begins at t_s.
+
+    Between two points a signal is taken for a straight line, which tells when it crossed.
+    """
+    start, nodes, overload = state.start, state.nodes, state.overload
+    for e in range(nodes.shape[0]):
+        beyond = abs(start[e]) > FULL_SCALE
+        for j in range(len(grid.marks)):
+            beyond |= abs(nodes[e, j]) > FULL_SCALE
+        if beyond:
+            _note_overload(grid, start[e], nodes[e], overload[e], t_s, length_s)
+
+
+@compiled
+def _note_overload(
+    grid: Nodes, start: float, nodes: Floats, overload: Floats, t_s: float, length_s: float
+) -> None:
+    before = start
+    overload[TIMES] += 1.0
+    for j in range(len(grid.marks)):
+        now, begins_s = nodes[j], t_s + length_s * grid.points[j]
+        lasts_s = length_s * (grid.points[j + 1] - grid.points[j])
+        high, low = max(abs(before), abs(now)), min(abs(before), abs(now))
+        if high > 1.0:
+            share = 1.0 if low > 1.0 else (high - 1.0) / (high - low)
+            rises = abs(now) > abs(before)
+            if overload[BEYOND_S] == 0.0:
+                overload[FIRST_S] = begins_s + (lasts_s * (1.0 - share) if rises else 0.0)
+                overload[FIRST_VALUE] = now if rises else before
+            overload[BEYOND_S] += share * lasts_s
+            if high > abs(overload[WORST_VALUE]):
+                overload[WORST_VALUE] = now if rises else before
+                overload[WORST_S] = begins_s + (lasts_s if rises else 0.0)
+        before = now
 
 
 @compiled

@@ -80,6 +80,7 @@ class State(NamedTuple):
     guess_for: (
         Floats  # (3,): place, length and degree it was made for, in lengths of the last window
     )
+    overload: Floats  # (n, 6): see the columns below
     clock: Floats  # see the constants below
     counts: Ints  # see the constants below
 
@@ -87,6 +88,9 @@ class State(NamedTuple):
 # Columns of State.memory, each at the start of the window and at its end: the state of an integrator,
 # what it integrates, the output before the lag, which is also what a store keeps.
 X, X_END, DRIVE, DRIVE_END, BEFORE, BEFORE_END = range(6)
+# Columns of State.overload, of a signal beyond full scale: when first and its value then, the worst
+# value and when, how long altogether, in how many windows.
+FIRST_S, FIRST_VALUE, WORST_VALUE, WORST_S, BEYOND_S, TIMES = range(6)
 # Indices into State.clock: time since the last jump, working length, length of the last window, share of
 # the shortest lag that the first window after a jump takes; largest error estimate of a window, and
 # their sum for the ends of the windows.
@@ -119,6 +123,7 @@ def new_state(circuit: Circuit, q: int = 8) -> State:
         np.zeros((2, p)),
         np.zeros((p, q + 1)),
         np.full(3, np.nan),
+        np.zeros((n, 6)),
         np.array([0.0, math.inf, 0.0, 1.0, 0.0, 0.0]),
         np.zeros(8, dtype=np.int64),
     )

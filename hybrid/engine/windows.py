@@ -15,7 +15,7 @@ from hybrid.engine import kernel
 from hybrid.engine.circuit import Builder, Circuit
 from hybrid.engine.corners import Log, new_log
 from hybrid.engine.kernel import Coupling, Deck, Floats, Ints, Pens, Plant, Score, State, compiled
-from hybrid.engine.linear import Player
+from hybrid.engine.linear import Overload, Player
 from hybrid.engine.nodes import Nodes, Shelf, new_shelf, nodes
 from hybrid.engine.relaxation import CHATTER, RUNAWAY, advance, no_pen
 from hybrid.engine.relaxation import Pen as WindowPen
@@ -55,9 +55,7 @@ class Clock(NamedTuple):
 
 
 @compiled
-def follow(
-    side: Side, plant: Plant, state: State, t_s: float, duration_s: float, at: int, last: int
-) -> int:
+def follow(side: Side, plant: Plant, state: State, t_s: float, duration_s: float) -> int:
     """Advance the circuit (by nothing: let it follow a jump) and show its signals; why it ended."""
     v, inputs_at = state.v, plant.kept.shape[0]
     for i in range(side.held.shape[0]):
@@ -73,13 +71,8 @@ def follow(
         side.log,
         side.no_pen,
     )
-    beyond = 0
     for s in range(side.place.shape[0]):
         v[s] = side.state.start[side.place[s]]
-        beyond += abs(v[s]) > 1.0
-    if beyond > 0:
-        repeat = state.counts[kernel.REPEAT]
-        kernel.watch(plant.signal, v, state.overload, state.beyond, repeat, at, last)
     if why == 0:
         return kernel.WAITING
     side.clock[0] = t_s + done_s
@@ -106,7 +99,6 @@ def play_circuit(
 ) -> int:
     """Like `kernel.play`, with the circuit as the analog side; at most CHUNK_ADVANCES instants."""
     cues, count = score.cues, state.counts
-    last = cues[cues.shape[0] - 1, 2]
     for _ in range(CHUNK_ADVANCES):
         outcome = kernel.play(
             score,
@@ -131,7 +123,7 @@ def play_circuit(
             t_s += clock.instants_s[at - 1]
         else:
             t_s += clock.instants_s[at]
-        outcome = follow(side, plant, state, t_s, duration_s, at, last)
+        outcome = follow(side, plant, state, t_s, duration_s)
         if outcome != kernel.WAITING:
             return int(outcome)
         count[kernel.CUE] += 1
@@ -174,9 +166,18 @@ class CircuitPlayer(Player):
         count = len(self.machine.analog.signals)
         v = np.concatenate([np.zeros(count), state.v])
         state = state._replace(v=v, next_v=np.zeros(count))
-        follow(self.side, self.plant, state, 0.0, 0.0, 0, 1)
-        state.overload[:], state.beyond[:] = 0, 0.0
+        follow(self.side, self.plant, state, 0.0, 0.0)
         return state
+
+    def overloads(self) -> tuple[Overload, ...]:
+        """Converters as the kernel saw them; analog signals as they went between the instants, too."""
+        signals = self.machine.analog.signals
+        found = [o for o in super().overloads() if o.signal not in signals]
+        for name, row in zip(signals, self.side.state.overload[self.side.place], strict=True):
+            first_s, first, worst, worst_s, duration_s, times = row.tolist()
+            if times:
+                found.append(Overload(name, first_s, first, worst, worst_s, int(times), duration_s))
+        return tuple(sorted(found, key=lambda o: (o.time_s, o.signal)))
 
     def _play_to(self, score: Score, normals: Floats, stop_repeat: int, stop_cue: int) -> int:
         outcome: int = play_circuit(
