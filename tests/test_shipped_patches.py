@@ -383,6 +383,17 @@ def test_ball_leaves_the_floor_as_its_closed_form_says():
     assert math.sqrt(tops[0]) == pytest.approx(share, rel=0.01)
 
 
+def test_headers_of_switching_patches_tell_what_lags_do():
+    played = whole("bouncing_ball", "lags")
+    tops = maxima(played.time_s, played["y"], 10.0 * played["v"])
+    assert tops[:2] == pytest.approx([0.732, 0.536], abs=5e-4)
+    played = play("relay_servo", 0.04, 5e-6)
+    late = played.time_s > 0.02
+    time_s, theta, speed = (v[late] for v in (played.time_s * 100, played["theta"], played["w"]))
+    assert np.diff(crossings(time_s, theta, speed)) == pytest.approx(0.18986, abs=5e-6)
+    assert maxima(time_s, theta, speed) == pytest.approx(0.0900, abs=5e-5)
+
+
 def servo_cycle():
     """V, W, period and amplitude of the limit cycle: powered and coasting strokes joined."""
     K, T, band, hysteresis = (SERVO[key] for key in ("K", "T", "band", "hysteresis"))
@@ -516,6 +527,7 @@ def exponent_of(name, machine, rate=None):
 @pytest.mark.parametrize("machine", ["ideal", "lags"])
 @pytest.mark.parametrize("name", CHAOS)
 def test_chaos_has_the_published_exponent(name, machine):
+    """At the rates that ship, lags shift an exponent by no more than this sampling error."""
     mean, error = exponent_of(name, machine)
     assert error < CHAOS[name].error
     assert abs(mean - CHAOS[name].exponent) < 4 * error
@@ -594,6 +606,12 @@ def test_lorenz_has_the_cusped_map_of_maxima():
         fit = np.polynomial.Polynomial.fit(peaks[chosen][order], following[chosen][order], 5)
         inner = np.linspace(low + 0.5, high - 0.5, 50)
         assert np.all(sign * fit.deriv()(inner) > 1.0)
+
+
+def test_roessler_turns_as_its_header_says():
+    columns, time = long_run("roessler", "lags")
+    found = crossings(time, columns["x"], -columns["y"] - columns["z"])
+    assert np.mean(np.diff(found)) == pytest.approx(5.86, abs=0.01)
 
 
 def test_jerk_spends_its_time_about_one():
