@@ -152,7 +152,10 @@ LINEAR_LAGGED = {  # states x' = A x + b with every lag; signals are the first s
 
 
 def pieces(matrices, guards, state, mode, time_s):
-    """Rows of a system that is linear in each mode; a guard that turns positive leads to its mode."""
+    """Rows of a system that is linear in each mode; a guard that turns positive leads to its mode.
+
+    Guards are looked at in the rows: none may turn positive and back between two of them.
+    """
     steps = {}
 
     def go(mode, length):
