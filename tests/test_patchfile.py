@@ -277,12 +277,12 @@ HYPOTHESIS = settings(
 )
 TEXTS = {name: path.read_text(encoding="utf-8") for name, path in shipped_patches().items()}
 TEXTS["everything"] = PATCH
-LONGEST_S = 5.0
+LONGEST_S = 15.0  # of the processor; what it guards against takes minutes
 
 
 def _read_compile_lay_out(text: str) -> bool:
     """Whether the text is a patch that can be run; anything but PatchError is an error."""
-    began = time.perf_counter()
+    began = time.process_time()
     try:
         for preset in ("ideal", "nominal"):
             build_timeline(compile_patch(parse_patch(text, "a.yaml"), machine=preset))
@@ -292,7 +292,7 @@ def _read_compile_lay_out(text: str) -> bool:
         assert len(str(error)) < 1500
         assert error.place.file == "a.yaml"
         right = False
-    assert time.perf_counter() - began < LONGEST_S
+    assert time.process_time() - began < LONGEST_S
     return right
 
 
@@ -354,12 +354,12 @@ def test_the_mutated_patches_are_not_all_wrong() -> None:
 def test_a_chain_of_parameters() -> None:
     """Order and loops of a long chain are found in time proportional to its length."""
     chain = "".join(f"  p{n}: p{n - 1}\n" for n in range(4900, 0, -1))
-    began = time.perf_counter()
+    began = time.process_time()
     patch = parse_patch(PATCH.replace("parameters:\n", f"parameters:\n{chain}  p0: 2\n"))
     assert patch.bind()["p4900"] == 2.0
     with pytest.raises(PatchError, match="circular parameters: p0 -> p4900 -> p4899"):
         parse_patch(PATCH.replace("parameters:\n", f"parameters:\n{chain}  p0: p4900\n"))
-    assert time.perf_counter() - began < LONGEST_S
+    assert time.process_time() - began < LONGEST_S
 
 
 def test_a_chain_of_parts_without_lag() -> None:
