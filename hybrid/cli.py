@@ -87,6 +87,10 @@ def run_command(options: argparse.Namespace) -> int:
 def _run(options: argparse.Namespace, filing: Filing) -> int:
     patch, parameters = patch_and_parameters(options)
     patch = with_until(patch, options.until)
+    if options.xy:
+        from hybrid.charts.plotter import save_plots, with_pens
+
+        patch, pairs = with_pens(patch, options.xy)
     from hybrid.arguments import machine_of
     from hybrid.record import machine_facts
     from hybrid.runs import check_run, run
@@ -103,6 +107,10 @@ def _run(options: argparse.Namespace, filing: Filing) -> int:
         interrupts.ignore()
     modes = None if isinstance(prediction, str) else prediction.to_dicts()
     files = filing.write(result.parts(), result.readouts, modes, stem)
+    if options.xy:
+        from hybrid.record import PlainRecord
+
+        files += save_plots(PlainRecord(result.parts()), pairs, stem)
     if options.json:
         print_json(
             **machine_facts(machine),
@@ -255,11 +263,25 @@ def schema_command(options: argparse.Namespace) -> int:
     return 0
 
 
+def draw_command(options: argparse.Namespace) -> int:
+    """hybrid draw."""
+    patch, parameters = patch_and_parameters(options)
+    from hybrid.charts.diagram import save_diagram
+
+    file = save_diagram(patch, parameters, options.out)
+    if options.json:
+        print_json(patch=patch.file, title=patch.title, files=[file])
+    else:
+        print(f"wrote {file}")
+    return 0
+
+
 VERBS: Mapping[str, Callable[[argparse.Namespace], int]] = {
     "run": run_command,
     "predict": predict_command,
     "sweep": sweep_command,
     "check": check_command,
+    "draw": draw_command,
     "list": list_command,
     "schema": schema_command,
 }

@@ -30,6 +30,8 @@ def parser() -> argparse.ArgumentParser:
     _predict(_verb(verbs, "predict", "exact modes and closed forms, without a run"))
     _sweep(_verb(verbs, "sweep", "measure and predict over a range of one parameter"))
     _verb(verbs, "check", "validate a patch; scaling, potentiometers, static check")
+    doc = "the patch diagram with the customary symbols"
+    _draw(verbs.add_parser("draw", help=doc, description=doc))
     listing = verbs.add_parser("list", help="the patches that ship")
     listing.add_argument("--json", action="store_true", help="print one JSON object")
     schema = verbs.add_parser("schema", help="the patch language as JSON Schema")
@@ -40,6 +42,13 @@ def parser() -> argparse.ArgumentParser:
 def _verb(verbs: Any, name: str, doc: str) -> argparse.ArgumentParser:
     """A verb with the options that all verbs on a patch share."""
     made: argparse.ArgumentParser = verbs.add_parser(name, help=doc, description=doc)
+    _patch(made)
+    made.add_argument("--machine", metavar="PRESET", help="ideal, lags or nominal")
+    made.add_argument("--serial", type=int, metavar="N", help="serial number of the machine")
+    return made
+
+
+def _patch(made: argparse.ArgumentParser) -> None:
     made.add_argument("patch", metavar="PATCH", help="patch file, or the name of a shipped patch")
     made.add_argument(
         "--set",
@@ -48,10 +57,12 @@ def _verb(verbs: Any, name: str, doc: str) -> argparse.ArgumentParser:
         metavar="NAME=VALUE",
         help="set a parameter: cycle='2 ms'",
     )
-    made.add_argument("--machine", metavar="PRESET", help="ideal, lags or nominal")
-    made.add_argument("--serial", type=int, metavar="N", help="serial number of the machine")
     made.add_argument("--json", action="store_true", help="print one JSON object")
-    return made
+
+
+def _draw(made: argparse.ArgumentParser) -> None:
+    _patch(made)
+    made.add_argument("--out", metavar="FILE", help="SVG file (default: PATCH.svg)")
 
 
 def _seed(made: argparse.ArgumentParser) -> None:
@@ -67,6 +78,13 @@ def _run(made: argparse.ArgumentParser) -> None:
         "--out", default="out", metavar="DIR", help="folder for the files (default out)"
     )
     made.add_argument("--no-chart", action="store_true", help="write the record only")
+    made.add_argument(
+        "--xy",
+        action="append",
+        default=[],
+        metavar="X:Y[:TIME]",
+        help="also plot signal Y against X, from TIME on",
+    )
 
 
 def _predict(made: argparse.ArgumentParser) -> None:

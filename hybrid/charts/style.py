@@ -185,13 +185,14 @@ def time_ticks(limits: tuple[float, float]) -> Floats:
     )
 
 
-def rule(axes: Axes, across: Floats, levels: Floats) -> None:
+def rule(axes: Axes, across: Floats, levels: Floats, heavy: int = 4) -> None:
     """Rule axes as chart paper: lines at `across` with four finer ones between, and at `levels`,
-    of which every fourth is heavy. Two collections draw in a tenth of the time of grid lines.
+    of which every fourth (or `heavy`-th) is heavy. Two collections draw in a tenth of the time of
+    grid lines.
     """
     fine = np.linspace(across[0], across[-1], 5 * (len(across) - 1) + 1)
     upright, level = axes.get_xaxis_transform(), axes.get_yaxis_transform()
-    for transform, places, every in ((upright, fine, 5), (level, levels, 4)):
+    for transform, places, every in ((upright, fine, 5), (level, levels, heavy)):
         ends = np.array([[0.0, 1.0]] * len(places))
         along = np.repeat(places[:, None], 2, axis=1)
         pair = (along, ends) if transform is upright else (ends, along)

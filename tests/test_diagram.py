@@ -1,0 +1,256 @@
+"""Patch diagrams: all is drawn once, nothing lies over anything else, the same bytes each time."""
+
+import itertools
+import re
+import xml.etree.ElementTree as ET
+from collections import Counter
+from pathlib import Path
+
+import pytest
+from large_patch import large_patch
+
+from hybrid.charts.diagram import PROGRAM, Sheet, draw
+from hybrid.charts.layered import Box, Cord, lay_out
+from hybrid.charts.symbols import SYMBOLS, Field, text_width
+from hybrid.cli import main
+from hybrid.components import CATALOG
+from hybrid.errors import PatchError
+from hybrid.patchfile import parse_patch, read_patch
+from hybrid.shipped import shipped_patches
+
+SVG = "{http://www.w3.org/2000/svg}"
+VAN_DER_POL = """
+title: Van der Pol
+parameters: {mu: 1, rate: 1000 1/s}
+analog:
+  x: {integrate: {y: rate}, initial: 0.1, full_scale: 2.5}
+  y: {integrate: {x: -rate, damp: rate*mu, y: rate*mu}, initial: 0, full_scale: 5}
+  square: {multiply: [x, x], full_scale: 6.25}
+  damp: {multiply: [square, y], gain: -1, full_scale: 31.25}
+run: {until: 100 ms, every: 1 ms}
+"""
+LONE = "title: Alone\nanalog: {a: {constant: 1, full_scale: 1}}\nrun: {until: 1 s, every: 1 ms}\n"
+TEXTS = {
+    **{name: path.read_text(encoding="utf-8") for name, path in shipped_patches().items()},
+    "van der pol": VAN_DER_POL,
+    "lone": LONE,
+    **{f"large {n}, {seed}": large_patch(n, seed) for n, seed in ((60, 1), (60, 2), (25, 3))},
+}
+
+
+@pytest.fixture(scope="module", params=list(TEXTS))
+def drawn(request):
+    """Sheet, plan and parsed SVG of a patch."""
+    patch = parse_patch(TEXTS[request.param])
+    sheet = Sheet(patch, patch.bind())
+    plan = lay_out(sheet.boxes, sheet.cords)
+    return sheet, plan, ET.fromstring(sheet.svg(plan))
+
+
+def _meet(one, other, slack=0.0):
+    return (
+        one[0] < other[2] - slack
+        and other[0] < one[2] - slack
+        and one[1] < other[3] - slack
+        and other[1] < one[3] - slack
+    )
+
+
+def _pieces(plan):
+    """Every straight piece of every cord, with its net."""
+    for route in plan.routes:
+        for (ax, ay), (bx, by) in itertools.pairwise(route.points):
+            box = (min(ax, bx), min(ay, by), max(ax, bx), max(ay, by))
+            yield route.cord, box
+
+
+class TestWhatIsDrawn:
+    def test_every_kind_has_a_symbol_of_its_own(self):
+        assert set(CATALOG) | {"adc", "dac"} <= set(SYMBOLS)
+        looks = [s.draw(Field(46.0, 46.0, (10.0, 36.0))) for s in SYMBOLS.values()]
+        for look in looks:
+            ET.fromstring(f"<g>{look}</g>")
+        assert len(set(looks)) == len(looks)
+
+    def test_every_signal_stands_once(self, drawn):
+        sheet, _, root = drawn
+        found = Counter(e.get("data-signal") for e in root.iter() if e.get("data-signal"))
+        assert found == Counter(sheet.patch.signals)
+
+    def test_the_name_is_written_beside_its_symbol(self, drawn):
+        _, _, root = drawn
+        for element in root.iter(f"{SVG}text"):
+            if element.get("data-signal"):
+                assert "".join(element.itertext()) == element.get("data-signal")
+
+    def test_every_cord_is_drawn_once(self, drawn):
+        sheet, _, root = drawn
+        patch = sheet.patch
+        due = Counter()
+        for component in patch.components:
+            reads = [s for s, _ in component.terms] + list(component.signals)
+            reads += [component.control] if component.control else []
+            due.update(f"{source}>{component.name}" for source in reads)
+        due.update(f"{adc.source}>{adc.name}" for adc in patch.adcs)
+        due.update(f"{adc.name}>{PROGRAM}" for adc in patch.adcs)
+        due.update(f"{dac.word}>{dac.name}" for dac in patch.dacs)
+        assert Counter(e.get("data-cord") for e in root.iter() if e.get("data-cord")) == due
+
+    def test_coefficients_other_than_1_are_on_the_cords(self):
+        texts = _texts(draw(parse_patch(VAN_DER_POL)))
+        assert texts.count("1000") == 3 and texts.count("−1000") == 1 and "1" not in texts
+
+    def test_parameters_change_the_figures(self):
+        patch = parse_patch(VAN_DER_POL)
+        assert "2000" in _texts(draw(patch, {"rate": 2000.0}))
+        with pytest.raises(PatchError, match="did you mean 'rate'"):
+            draw(patch, {"rat": 1.0})
+
+    def test_figures_are_in_the_units_shown(self):
+        patch = parse_patch(
+            "title: Degrees\nanalog:\n"
+            "  a: {constant: 90 deg, full_scale: 180 deg}\n"
+            "  b: {sum: {a: 2}, full_scale: 4 rad}\nrun: {until: 1 s, every: 1 ms}\n"
+        )
+        texts = _texts(draw(patch))
+        assert "= 90 deg" in texts and "±180 deg" in texts and "0.03491" in texts
+
+    def test_initial_value_full_scale_and_clock_are_told(self, pitch_loop):
+        texts = " | ".join(_texts(draw(pitch_loop)))
+        assert "0.1 rad" in texts and "±10 rad/s" in texts and "T = 1 ms" in texts
+
+    def test_a_title_in_any_letters_is_well_formed(self):
+        patch = parse_patch(LONE.replace("Alone", "\"<a> & 'b' ]]> 運\""))
+        assert "<a> & 'b' ]]> 運" in _texts(draw(patch))
+
+    def test_a_notebook_shows_it(self, pitch_loop):
+        assert draw(pitch_loop)._repr_svg_().startswith("<svg ")
+
+
+def _texts(svg):
+    return ["".join(e.itertext()) for e in ET.fromstring(svg).iter(f"{SVG}text")]
+
+
+class TestRoom:
+    def test_nothing_lies_over_anything_else(self, drawn):
+        sheet, plan, _ = drawn
+        for one, other in itertools.combinations(list(sheet.outlines(plan)), 2):
+            assert not _meet(one[2], other[2], 0.01), f"{one} lies over {other}"
+
+    def test_no_cord_passes_under_a_symbol_or_a_text(self, drawn):
+        sheet, plan, _ = drawn
+        outlines = list(sheet.outlines(plan))
+        for cord, piece in _pieces(plan):
+            for name, what, outline in outlines:
+                if what == "coefficient":  # where its own cord ends
+                    assert cord.target == name or not _meet(piece, outline), (cord, name)
+                else:
+                    assert not _meet(piece, outline), f"{cord} passes under the {what} of {name}"
+
+    def test_no_two_nets_run_along_one_line(self, drawn):
+        _, plan, _ = drawn
+        pieces = [(cord.net, piece) for cord, piece in _pieces(plan)]
+        for (net, a), (other, b) in itertools.combinations(pieces, 2):
+            if net == other:
+                continue
+            level = a[1] == a[3] and b[1] == b[3] and abs(a[1] - b[1]) < 3
+            upright = a[0] == a[2] and b[0] == b[2] and abs(a[0] - b[0]) < 3
+            beside = a[0] < b[2] and b[0] < a[2] if level else a[1] < b[3] and b[1] < a[3]
+            assert not ((level or upright) and beside), f"{net} runs along {other}"
+
+    def test_cords_end_at_their_boxes_and_turn_squarely(self, drawn):
+        sheet, plan, _ = drawn
+        for route in plan.routes:
+            source, target = sheet.parts[route.cord.source], sheet.parts[route.cord.target]
+            x, y = plan.places[source.box.name]
+            assert route.points[0] == (x + source.box.width, y + source.box.outs[route.cord.port])
+            x, y = plan.places[target.box.name]
+            assert route.points[-1] == (x, y + target.box.ins[route.place])
+            for (ax, ay), (bx, by) in itertools.pairwise(route.points):
+                assert (ax == bx) != (ay == by)
+
+    def test_everything_is_on_the_sheet(self, drawn):
+        _, plan, root = drawn
+        assert plan.width < float(root.get("width")) and plan.height < float(root.get("height"))
+        for _, (left, top, right, bottom) in _pieces(plan):
+            assert left >= 0 and top >= -0.01
+            assert right <= plan.width and bottom <= plan.height + 0.01
+
+    def test_inputs_that_are_not_alike_keep_their_places(self, drawn):
+        sheet, plan, _ = drawn
+        for route in plan.routes:
+            if not sheet.parts[route.cord.target].box.any_order:
+                assert route.place == route.cord.place
+        taken = Counter((route.cord.target, route.place) for route in plan.routes)
+        assert set(taken.values()) <= {1}
+
+
+class TestSame:
+    def test_the_same_patch_gives_the_same_bytes(self):
+        text = large_patch(60)
+        assert draw(parse_patch(text)) == draw(parse_patch(text))
+
+    def test_the_order_of_entries_changes_nothing(self):
+        assert draw(parse_patch(large_patch(60))) == draw(parse_patch(large_patch(60, shuffled=5)))
+
+
+class TestLayout:
+    def test_a_chain_is_straight_and_runs_to_the_right(self):
+        boxes = [Box(n, 40.0, 40.0, (20.0,), {n: 20.0}) for n in "abcd"]
+        plan = lay_out(boxes, [Cord(a, a, b, 0) for a, b in itertools.pairwise("abcd")])
+        assert [len(route.points) for route in plan.routes] == [2, 2, 2]
+        assert plan.places["a"][0] < plan.places["b"][0] < plan.places["d"][0]
+
+    def test_a_box_fed_by_itself(self):
+        plan = lay_out([Box("a", 40.0, 40.0, (20.0,), {"a": 20.0})], [Cord("a", "a", "a", 0)])
+        (route,) = plan.routes
+        assert route.points[0] == (plan.places["a"][0] + 40, plan.places["a"][1] + 20)
+        assert route.points[-1] == (plan.places["a"][0], plan.places["a"][1] + 20)
+
+    def test_a_loop_is_cut_where_it_costs_least(self):
+        cheap = {"b": 0.5}
+        boxes = [Box(n, 40.0, 40.0, (20.0,), {n: 20.0}, cut=cheap.get(n, 8.0)) for n in "abc"]
+        plan = lay_out(
+            boxes, [Cord("a", "a", "b", 0), Cord("b", "b", "c", 0), Cord("c", "c", "a", 0)]
+        )
+        assert plan.places["c"][0] < plan.places["a"][0] < plan.places["b"][0]
+
+    def test_nothing_at_all(self):
+        plan = lay_out([], [])
+        assert (plan.width, plan.height, plan.routes) == (0.0, 0.0, ())
+
+    def test_widths_of_text(self):
+        assert (
+            text_width("iii", 10.0) < text_width("www", 10.0) < text_width("www", 10.0, bold=True)
+        )
+
+
+class TestCommand:
+    def test_writes_a_file(self, tmp_path, capsys):
+        out = tmp_path / "loop.svg"
+        assert main(["draw", "pitch_loop", "--set", "cycle=2 ms", "--out", str(out)]) == 0
+        assert str(out) in capsys.readouterr().out
+        assert "T = 2 ms" in out.read_text(encoding="utf-8")
+
+    @pytest.mark.parametrize(
+        ("arguments", "said"),
+        [
+            (["--out", "missing/loop.svg"], "cannot write missing"),
+            (["--out", "loop.png"], "ending in .svg"),
+            (["--set", "cycl=1 ms"], "did you mean 'cycle'"),
+            (["--set", "cycle=0 s"], "must be greater than 0"),
+        ],
+    )
+    def test_mistakes_are_one_line_and_leave_no_file(
+        self, arguments, said, tmp_path, monkeypatch, capsys
+    ):
+        monkeypatch.chdir(tmp_path)
+        assert main(["draw", "pitch_loop", *arguments]) == 2
+        told = capsys.readouterr().err
+        assert said in told and told.count("\n") == 1
+        assert not list(Path().iterdir())
+
+    def test_no_path_of_the_machine_is_in_the_picture(self, tmp_path):
+        path = tmp_path / "some.yaml"
+        path.write_text(LONE, encoding="utf-8")
+        assert not re.search(re.escape(str(tmp_path)), draw(read_patch(path)))
