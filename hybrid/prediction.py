@@ -32,6 +32,8 @@ if TYPE_CHECKING:
 DEEPEST_PIPELINE = 20
 # Two figures that should be equal and differ by rounding only.
 ROUNDING = 1e-9
+# Two modes that are one: where they meet, rounding of 1e-16 moves both by its root.
+SAME_MODE = 1e-6
 
 
 @dataclass(frozen=True, eq=False)
@@ -115,7 +117,7 @@ def predict_machine(machine: Machine, max_damping_error: float | None = None) ->
     """The same for a compiled machine."""
     found = coupling.modes(machine)
     case = closed_form_case(machine)
-    forms = tuple(_closed_form(mode, case) for mode in found)
+    forms = _closed_forms(found, case)
     longest = None
     if max_damping_error is not None:
         longest = largest_cycle_s(machine, max_damping_error)
@@ -178,14 +180,19 @@ def _sampled_case(machine: Machine) -> Case | None:
 
 
 def _analog_case(machine: Machine) -> Case | None:
-    """Eq. 2.3: one loop, undamped when ideal, of elements with a lag each."""
-    ideal = coupling.ideal_modes(machine.patch, machine.overrides)
-    undamped = [s for s in ideal if s.imag > 0 and abs(s.real) <= ROUNDING * abs(s)]
+    """Eq. 2.3: one loop, of two integrators and elements that only weigh, with s^2 + omega_p^2."""
     loops = simple_loops(signal_graph(machine.patch))
-    if len(undamped) != 1 or len(loops) != 1:
+    if len(loops) != 1:
+        return None
+    analog = coupling.ideal_analog(machine.patch, machine.parameters)
+    own = [i for i, state in enumerate(analog.states) if state in loops[0]]
+    if len(own) != 2:
+        return None
+    (leak, forth), (back, other_leak) = analog.a[np.ix_(own, own)].tolist()
+    if leak or other_leak or forth * back >= 0:
         return None
     lags = tuple(machine.stages[name].tau for name in loops[0])
-    return Case("2.3", abs(undamped[0]), lags_s=tuple(tau for tau in lags if tau > 0))
+    return Case("2.3", math.sqrt(-forth * back), lags_s=tuple(tau for tau in lags if tau > 0))
 
 
 def signal_graph(patch: Patch) -> dict[str, list[str]]:
@@ -204,9 +211,28 @@ def signal_graph(patch: Patch) -> dict[str, list[str]]:
     return {name: sorted(targets) for name, targets in feeds.items()}
 
 
-def _closed_form(mode: Mode, case: Case | None) -> ClosedForm | None:
-    if case is None or not abs(mode.omega_ideal / case.omega_p - 1.0) < ROUNDING:
-        return None
+def _closed_forms(modes: tuple[Mode, ...], case: Case | None) -> tuple[ClosedForm | None, ...]:
+    """The case's form beside the one mode that is it; None beside all others.
+
+    That is the only mode meant to be s = i omega_p; and of all modes the form is nearest to it, as
+    otherwise the ideal mode may have been paired with another's exact one.
+    """
+    form = _closed_form(case) if case else None
+    if case is None or form is None or form.omega_damped is None:
+        return (None,) * len(modes)
+    meant = [
+        mode
+        for mode in modes
+        if abs(mode.omega_ideal / case.omega_p - 1.0) < SAME_MODE
+        and abs(mode.zeta_ideal) < SAME_MODE
+    ]
+    s = complex(-form.zeta * form.omega, form.omega_damped)
+    moving = [mode for mode in modes if mode.omega > 0]
+    nearest = min(moving, key=lambda mode: abs(mode.s - s), default=None)
+    return tuple(form if meant == [mode] and mode is nearest else None for mode in modes)
+
+
+def _closed_form(case: Case) -> ClosedForm | None:
     try:
         if case.equation == "2.1":
             return theory.uncompensated(case.omega_p, case.period_s)

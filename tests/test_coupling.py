@@ -493,6 +493,76 @@ def test_closed_forms_by_structure(shipped, compiled):
     assert closed_form_case(compiled(skewed)) is None
 
 
+OSCILLATOR = """  extra_dot: {integrate: {extra: -SQUARE, SOURCE}, initial: 0 1/s, full_scale: 100 1/s}
+  extra: {integrate: {extra_dot: 1}, initial: 0.1, full_scale: 1}
+"""
+
+
+def with_oscillator(text, omega, source="theta: 0"):
+    added = OSCILLATOR.replace("SQUARE", f"{omega**2!r} 1/s^2").replace("SOURCE", source)
+    return text.replace("analog:\n", "analog:\n" + added, 1)
+
+
+def ring(*kinds):
+    """One loop of elements: a number of 1/s integrates, a lag is in s, anything else only weighs."""
+    parts = []
+    for i, kind in enumerate(kinds):
+        name, source = f"e{i}", f"e{i - 1 if i else len(kinds) - 1}"
+        forms = {
+            "lag": f"lag: {{{source}: 1}}, time_constant: 0.1 s, initial: 0",
+            "invert": f"invert: {source}",
+        }
+        made = f"integrate: {{{source}: {kind} 1/s}}, initial: 0.1"
+        parts.append(f"  {name}: {{{forms.get(kind, made)}, full_scale: 1}}")
+    lines = "\n".join(parts)
+    return f"title: Ring\nmachine: lags\nanalog:\n{lines}\nrun: {{until: 1 s, every: 1 ms}}\n"
+
+
+def forms(machine):
+    return [
+        (mode["omega_ideal"], mode["closed_form"] and mode["closed_form"]["equation"])
+        for mode in predict(machine).to_dicts()
+    ]
+
+
+def test_only_a_ring_of_two_integrators_that_oscillates_has_a_closed_form(compiled):
+    for own in (ring("-10", "10"), ring("10", "invert", "10"), ring("-20", "5")):
+        assert forms(compiled(own)) == [(pytest.approx(10.0), "2.3")]
+    for other in (
+        ring("10", "10", "10", "10"),  # s^4 = 1e4: +-10 and +-10j
+        ring("-10", "10", "10", "10"),
+        ring("-10", "10", "10"),
+        ring("10", "10"),
+        ring("-10", "10", "lag"),
+        ring("-10", "lag"),
+    ):
+        machine = compiled(other)
+        assert closed_form_case(machine) is None
+        assert not any(form for _, form in forms(machine))
+
+
+def test_an_oscillator_beside_the_loop_gets_no_closed_form_of_the_loop(shipped, compiled):
+    # Of the same frequency: which mode is whose cannot be told from the ideal.
+    for source in ("theta: 0 1/s^2", "theta: 1 1/s^2"):
+        for name in ("pitch_loop", "pitch_loop_lead"):
+            beside = forms(compiled(with_oscillator(shipped(name), 10.0, source)))
+            assert len(beside) == 2
+            assert not any(form for _, form in beside)
+    # Far from the loop's it takes nothing away; and the form stays with the loop.
+    beside = forms(compiled(with_oscillator(shipped("pitch_loop"), 37.0, "theta: 1 1/s^2")))
+    assert beside == [(pytest.approx(10.0), "2.1"), (pytest.approx(37.0), None)]
+    # So near that the loop's exact mode is beyond it: the modes may have changed places.
+    near = with_oscillator(shipped("pitch_loop"), 10.01, "theta: 0 1/s^2")
+    for mode in predict(compiled(near, {"cycle": 1e-2})).to_dicts():
+        assert mode["closed_form"] is None or mode["zeta"] < -0.05
+    # A damped one of the same |s| is another mode.
+    damped = with_oscillator(shipped("pitch_loop"), 10.0, "extra_dot: -12 1/s")
+    for mode in predict(compiled(damped)).to_dicts():
+        assert (mode["closed_form"] is None) == (mode["zeta"] > 0.1)
+    # In an all-analog patch it is a second loop.
+    assert closed_form_case(compiled(with_oscillator(shipped("pitch_loop_analog"), 37.0))) is None
+
+
 def test_prediction_puts_the_closed_form_beside_the_exact_mode(shipped):
     found = predict(parse_patch(shipped("pitch_loop"))).to_dicts()[0]
     assert found["closed_form"]["zeta"] == -0.0075
