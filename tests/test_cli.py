@@ -210,6 +210,31 @@ def test_the_first_run_says_that_it_compiles(
     assert done.stdout == b"False\n"
 
 
+def test_a_kernel_of_another_source_or_processor_is_none(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    cache = kernel.play._cache
+    hybrid.run(hybrid.read_patch("pitch_loop"), readouts_only=True)
+    assert kernel.is_compiled()
+    files = cache._cache_file
+    with monkeypatch.context() as edited:  # the source has changed since
+        edited.setattr(files, "_source_stamp", (0.0, 1))
+        assert list(Path(cache.cache_path).glob("kernel.play-*.nbi"))
+        assert not kernel.is_compiled()
+    with monkeypatch.context() as upgraded:
+        upgraded.setattr(files, "_version", "0.1")
+        assert not kernel.is_compiled()
+    with monkeypatch.context() as moved:  # to a processor with other instructions
+        moved.setattr(cache, "_index_key", lambda sig, codegen: (sig, "another", ()))
+        assert not kernel.is_compiled()
+    with monkeypatch.context() as emptied:  # the index is there, the code is not
+        emptied.setattr(type(cache), "cache_path", str(tmp_path))
+        assert not kernel.is_compiled()
+    with monkeypatch.context() as told:  # NUMBA_DISABLE_JIT
+        told.setattr(kernel, "play", kernel.play.py_func)
+        assert kernel.is_compiled()
+
+
 @pytest.mark.parametrize("verb", ["run", "sweep"])
 def test_a_folder_in_the_way(verb: str, capsys: pytest.CaptureFixture[str], here: Path) -> None:
     (here / "out" / "loop.nc").mkdir(parents=True)

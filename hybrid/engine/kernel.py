@@ -374,5 +374,14 @@ def play(
 
 
 def is_compiled() -> bool:
-    """Whether a compiled kernel lies on disk, so that the first call only loads it."""
-    return any(Path(play.stats.cache_path).glob("kernel.play-*.nbi"))
+    """Whether a kernel on disk is of this source, Python, numba and processor: numba loads no other."""
+    try:
+        cache, codegen = play._cache, play.targetctx.codegen()
+        index = cache._cache_file._load_index()
+        folder = Path(cache.cache_path)
+        return any(
+            key == cache._index_key(key[0], codegen) and (folder / data).exists()
+            for key, data in index.items()
+        )
+    except AttributeError:  # another numba, or one told not to compile: better silent than wrong
+        return True
