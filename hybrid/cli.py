@@ -1,8 +1,9 @@
 """The commands: one thin function per verb. Stage 8; `options` reads what is asked for, `terminal`
 says it.
 
-Exit codes: 0 done; 1 the run stopped early (unstable, or no finite number); 2 a mistake in the patch,
-the options or the output folder, said in one line; 130 interrupted, what was computed is kept.
+Exit codes: 0 done; 1 the run stopped early (unstable, or no finite number) or a point of the sweep
+failed; 2 a mistake in the patch, the options or the output folder, said in one line; 130 interrupted,
+what was computed is kept.
 """
 
 from __future__ import annotations
@@ -182,7 +183,7 @@ def sweep_command(options: argparse.Namespace) -> int:
     check_seed(options.seed)
     name, text = swept_range(options.over)
     values, out = values_of(patch, name, text), sweep_file(options, patch, name)
-    # Whatever would stop every point is said before a folder is made.
+    # Whatever would stop every point, or either end, is said before a folder is made.
     check_sweep(patch, name, values, parameters, options.machine, options.serial, options.jobs)
     writable(out, out.with_suffix(".png"))
     say_if_compiling()
@@ -212,7 +213,9 @@ def sweep_command(options: argparse.Namespace) -> int:
         from hybrid.show import show_sweep
 
         show_sweep(console(), result, files)
-    return 0 if result.status == "complete" else EXIT_INTERRUPTED
+    if result.status != "complete":
+        return EXIT_INTERRUPTED
+    return EXIT_STOPPED if any(p.status == "failed" for p in result.points) else 0
 
 
 def _coupling_chart(result: Sweep, path: Path) -> str:

@@ -158,6 +158,7 @@ class Sweep:
     def __repr__(self) -> str:
         counts = {
             "without a result": sum(not p.has_result for p in self.points),
+            "failed": sum(p.status == "failed" for p in self.points),
             "stopped early": sum(p.status == "stopped" for p in self.points),
             "with overloads": sum(p.overloads > 0 for p in self.points),
         }
@@ -199,7 +200,10 @@ def check_sweep(
     serial: int | None = None,
     jobs: int | None = None,
 ) -> Machine:
-    """Raise PatchError or RunError for what would stop every point; gives the first one's machine."""
+    """Raise PatchError or RunError for what would stop every point, or the lowest or highest value.
+
+    Gives the first one's machine. Values in between may still fail: each by itself, when its turn comes.
+    """
     check_parameter(patch, over)
     if over in parameters:
         raise RunError(f"{over} is both set and swept; leave out one of them")
@@ -211,7 +215,13 @@ def check_sweep(
         )
     if jobs is not None:
         whole_number("jobs", jobs, 1, MOST_JOBS)
-    return machine_of(patch, {**parameters, over: float(values[0])}, machine, serial)
+
+    def compiled(value: float) -> Machine:
+        return machine_of(patch, {**parameters, over: float(value)}, machine, serial)
+
+    compiled(values.min())  # whichever end comes first, the same one is complained of
+    compiled(values.max())
+    return compiled(values[0])
 
 
 def values_of(

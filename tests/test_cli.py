@@ -235,6 +235,37 @@ def test_a_kernel_of_another_source_or_processor_is_none(
         assert kernel.is_compiled()
 
 
+@pytest.mark.parametrize(
+    "over", ["omega=0:10:3", "omega=10:0:3", "cycle=0.1_ms:-1_ms:5", "cycle=-1_ms:0.1_ms:5"]
+)
+def test_a_sweep_to_an_impossible_end_writes_nothing(
+    over: str, capsys: pytest.CaptureFixture[str], here: Path
+) -> None:
+    text = PATCH.replace("full_scale: 100 rad/s^2", "full_scale: omega**2, unit: rad/s^2")
+    Path("loop.yaml").write_text(text)
+    assert main(["sweep", "loop.yaml", "--over", over.replace("_", " ")]) == 2
+    told = capsys.readouterr()
+    assert told.out == ""
+    assert len(told.err.splitlines()) == 1
+    assert not (here / "out").exists()
+
+
+def test_a_point_that_fails_is_kept_and_changes_the_exit_code(
+    capsys: pytest.CaptureFixture[str], here: Path
+) -> None:
+    pole = PATCH.replace("tall: 0.1 rad", "tall: 0.1 rad, c: 1, d: 1/c")
+    Path("loop.yaml").write_text(pole.replace("until: 2 s", "until: 0.1 s"))
+    command = ["sweep", "loop.yaml", "--json", "--no-chart", "--over"]
+    assert main([*command, "c=-1:1:3"]) == 1
+    points = json.loads(capsys.readouterr().out)["points"]
+    assert [p["status"] for p in points] == ["complete", "failed", "complete"]
+    assert "'d'" in points[1]["note"]
+    assert (here / "out" / "loop_over_c.nc").exists()
+    # A tenth of a second shows no oscillation: no readout, but nothing has failed.
+    assert main([*command, "c=1:2:2"]) == 0
+    assert json.loads(capsys.readouterr().out)["points"][0]["readouts"]["mode"]["reason"]
+
+
 @pytest.mark.parametrize("verb", ["run", "sweep"])
 def test_a_folder_in_the_way(verb: str, capsys: pytest.CaptureFixture[str], here: Path) -> None:
     (here / "out" / "loop.nc").mkdir(parents=True)

@@ -27,6 +27,10 @@ readouts:
   level: {rms: x}
   mode: {transient: x}
 """
+# Its middle value divides by zero, its ends do not.
+POLE = PATCH.replace("other: 2*rate", "one: 1.25 1/s, other: one/(rate - one)").replace(
+    "  mode: {transient: x}\n", ""
+)
 
 
 @pytest.fixture(scope="module")
@@ -75,8 +79,19 @@ def test_points_without_a_result_are_counted(result, patch) -> None:
     assert "3 of 3 points, 0 without" in repr(hybrid.sweep(plain, "rate", [1, 2, 3]))
     over = hybrid.sweep(plain, "rate", [1, -1])
     assert "0 without a result, 1 with overloads, complete" in repr(over)
-    failed = hybrid.sweep(plain, "cycle", [1e-3, -1.0])
-    assert "2 of 2 points, 1 without a result" in repr(failed)
+    failed = hybrid.sweep(hybrid.parse_patch(POLE), "rate", "0.5:2:3")
+    assert "3 of 3 points, 1 without a result, 1 failed, complete" in repr(failed)
+    assert [p.status for p in failed.points] == ["complete", "failed", "complete"]
+    assert "'other'" in failed.points[1].note
+
+
+@pytest.mark.parametrize("values", [[0.0, 1e-3], [1e-3, 0.0], [1e-3, -1.0, 1e-2], [-1.0, 1e-3]])
+def test_an_end_that_cannot_be_compiled_is_refused_wherever_it_stands(patch, values) -> None:
+    with pytest.raises(hybrid.HybridError) as caught:
+        hybrid.sweep(patch, "cycle", values)
+    with pytest.raises(hybrid.HybridError) as alone:
+        hybrid.run(patch, {"cycle": min(values)})
+    assert str(caught.value) == str(alone.value)
 
 
 def test_values_in_every_form(patch) -> None:
