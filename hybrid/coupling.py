@@ -100,9 +100,8 @@ def cycle_map(machine: Machine) -> tuple[Floats, int]:
 def _short(machine: Machine) -> Machine:
     """The same machine without steps, run just long enough for one stretch to repeat."""
     timing = machine.timing
-    conversion = max((s.delay_ticks + s.conversion_ticks for s in machine.samplers), default=0)
     # The record does not belong to the loop: let it follow the cycle.
-    until = 5 * timing.period + 2 * (timing.compute + conversion)
+    until = 5 * timing.period + 2 * machine.latency_ticks
     return replace(machine, steps=(), timing=replace(timing, every=timing.period, until=until))
 
 

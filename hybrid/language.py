@@ -157,6 +157,8 @@ DIGITAL_KEYS = (
     Key("program", Holds.TERMS, "assignments, word: arithmetic", required=True),
 )
 
+DEFAULT_ROWS = 1_000_000
+
 RUN_KEYS = (
     Key("until", Holds.QUANTITY, "end of the run", Unit.TIME, Bound.POSITIVE, required=True),
     Key(
@@ -171,7 +173,7 @@ RUN_KEYS = (
         "max_rows",
         Holds.INTEGER,
         "most rows kept; a longer run keeps every n-th row and says so",
-        default="1000000",
+        default=str(DEFAULT_ROWS),
     ),
 )
 

@@ -15,6 +15,7 @@ import numpy.typing as npt
 
 from hybrid.elements import Element
 from hybrid.patch import Patch
+from hybrid.scale import to_seconds
 from hybrid.tape import Tape
 
 Floats = npt.NDArray[np.float64]
@@ -127,9 +128,13 @@ class Machine:
     @property
     def cycle_s(self) -> float:
         """Digital cycle time in s, NaN where there is no digital machine."""
-        from hybrid.scale import to_seconds
-
         return to_seconds(self.timing.period) if self.timing.period else float("nan")
+
+    @property
+    def latency_ticks(self) -> int:
+        """Longest time from the start of a cycle to its last event, its results at the DACs."""
+        conversion = max((s.delay_ticks + s.conversion_ticks for s in self.samplers), default=0)
+        return conversion + self.timing.compute
 
     def __repr__(self) -> str:
         a = self.analog

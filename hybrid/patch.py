@@ -15,6 +15,7 @@ from dataclasses import dataclass, field
 from hybrid.errors import NOWHERE, PatchError, Place, did_you_mean, quoted
 from hybrid.expressions import ExpressionError, Node, Number, evaluate, names
 from hybrid.graph import dependency_order, find_loop
+from hybrid.language import DEFAULT_ROWS
 from hybrid.units import PURE, Dimension
 
 
@@ -134,7 +135,7 @@ class RunSettings:
 
     until: Value
     every: Value | None = None
-    max_rows: int = 1_000_000
+    max_rows: int = DEFAULT_ROWS
 
 
 @dataclass(frozen=True, slots=True)

@@ -29,7 +29,7 @@ if TYPE_CHECKING:
     import pandas as pd
 
 # The search for the largest cycle time starts where a compute time in seconds is this many cycles.
-DEEPEST_PIPELINE = 20
+DEEPEST_SEARCHED = 20
 # Two figures that should be equal and differ by rounding only.
 ROUNDING = 1e-9
 # Two modes that are one: where they meet, rounding of 1e-16 moves both by its root.
@@ -297,7 +297,7 @@ def _shortest_cycle_s(machine: Machine, period_s: float) -> float:
     patch, overrides = coupling.with_period(machine.patch, machine.overrides, period_s)
     scope, possible_s = patch.bind(overrides), [period_s]
     if patch.program and patch.program.compute_time:
-        possible_s.append(patch.program.compute_time.number(scope) / DEEPEST_PIPELINE)
+        possible_s.append(patch.program.compute_time.number(scope) / DEEPEST_SEARCHED)
     for adc in patch.adcs:
         conversion_s = adc.conversion_time.number(scope) if adc.conversion_time else 0.0
         if conversion_s >= period_s:  # an ADC must be done before its next sample

@@ -233,10 +233,9 @@ def _left_out(machine: Machine) -> str:
 
 def _cycle_text(player: Player) -> str:
     """The cycle, counted from 1, whose result a run has just met."""
-    timing, samplers = player.machine.timing, player.machine.samplers
-    converting = max((s.delay_ticks + s.conversion_ticks for s in samplers), default=0)
-    before = (player.done_ticks - timing.compute - converting) // timing.period
-    return f"in cycle {before + 1}, which began at {to_seconds(before * timing.period):.6g} s,"
+    period = player.machine.timing.period
+    before = (player.done_ticks - player.machine.latency_ticks) // period
+    return f"in cycle {before + 1}, which began at {to_seconds(before * period):.6g} s,"
 
 
 def _ordinal(number: int) -> str:

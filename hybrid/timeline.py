@@ -94,7 +94,7 @@ def build_timeline(machine: Machine) -> Timeline:
     stretch = math.lcm(*(t for t in (timing.period, timing.every) if t))
     steps = [(s.at_ticks, int(Happening.SOURCE), i) for i, s in enumerate(machine.steps)]
     steps = [s for s in steps if s[0] <= timing.until]
-    warm_up = -(-(_latency(machine) + 1) // stretch)
+    warm_up = -(-(machine.latency_ticks + 1) // stretch)
     if timing.until < (warm_up + 2) * stretch:
         segments = _flat(machine, steps)
     else:
@@ -106,12 +106,6 @@ def build_timeline(machine: Machine) -> Timeline:
         timing.until // timing.period if timing.period else 0,
         timing.until // timing.every + 1,
     )
-
-
-def _latency(machine: Machine) -> int:
-    """Longest time from the start of a cycle to its last event."""
-    conversion = max((s.delay_ticks + s.conversion_ticks for s in machine.samplers), default=0)
-    return conversion + machine.timing.compute
 
 
 def _refuse_too_many(machine: Machine, until: int) -> None:

@@ -4,12 +4,10 @@ from __future__ import annotations
 
 from hybrid.errors import PatchError, Place, did_you_mean, quoted
 from hybrid.fields import check_name, one_kind, table_of
-from hybrid.language import READOUT_KEYS, READOUT_KINDS, RUN_KEYS, Holds, Key
+from hybrid.language import DEFAULT_ROWS, READOUT_KEYS, READOUT_KINDS, RUN_KEYS, Holds, Key
 from hybrid.patch import Readout, RunSettings
 from hybrid.patchfile.book import Book
 from hybrid.yamltree import Sequence, Text, Tree, kind_of
-
-DEFAULT_ROWS = 1_000_000
 
 
 def read_run(book: Book) -> RunSettings:
