@@ -43,7 +43,7 @@ class Run:
     seed: int
     cycles: int
     status: str  # 'complete', 'interrupted' or 'stopped'
-    status_note: str
+    status_note: str  # why it ended early, or that it is too short to show the digital machine
     rows_note: str
     pens: tuple[Pen, ...]
     time_s: Floats
@@ -217,7 +217,8 @@ def _play(player: Player, progress: Progress | None) -> tuple[str, str]:
             "the program computed no finite number for "
             f"{', '.join(words)} (a division by zero, or a root or logarithm of a negative number)"
         )
-    return "complete", _left_out(player.machine)
+    machine = player.machine
+    return "complete", "; ".join(filter(None, (_short_note(machine), _left_out(machine))))
 
 
 def _left_out(machine: Machine) -> str:
@@ -229,6 +230,20 @@ def _left_out(machine: Machine) -> str:
         f"noise left out: the engine for analog sides that are not linear plays no component noise yet "
         f"({', '.join(noisy[:3])}{' ...' if len(noisy) > 3 else ''})"
     )
+
+
+def _short_note(machine: Machine) -> str:
+    """What a run that ends before its digital machine has had a say does not show; '' otherwise."""
+    timing, notes = machine.timing, []
+    if not timing.period:
+        return ""
+    if timing.until < timing.period:
+        notes.append(f"the first cycle of {to_seconds(timing.period):.6g} s is over")
+    if timing.until < machine.latency_ticks:
+        reached_s = to_seconds(machine.latency_ticks)
+        notes.append(f"the program's first results reach the DACs at {reached_s:.6g} s")
+    before = " and ".join(notes)
+    return f"the run ends at {to_seconds(timing.until):.6g} s, before {before}" if notes else ""
 
 
 def _cycle_text(player: Player) -> str:

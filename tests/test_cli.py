@@ -235,6 +235,40 @@ def test_a_kernel_of_another_source_or_processor_is_none(
         assert kernel.is_compiled()
 
 
+SHORT = (
+    (
+        "cycle=20 s",
+        0,
+        "before the first cycle of 20 s is over and the program's first results reach",
+    ),
+    ("cycle=2.1 s", 0, "before the first cycle of 2.1 s is over"),
+    ("cycle=2 s", 1, ""),
+    ("cycle=1 ms", 2000, ""),
+)
+
+
+@pytest.mark.parametrize(("given", "cycles", "says"), SHORT)
+def test_a_run_shorter_than_a_cycle_says_so(
+    given: str, cycles: int, says: str, capsys: pytest.CaptureFixture[str], here: Path
+) -> None:
+    found = answer(capsys, "run", "loop.yaml", "--no-chart", "--set", given)
+    assert (found["cycles"], found["status"]) == (cycles, "complete")
+    assert says in found["status_note"]
+    assert bool(says) == bool(found["status_note"])
+    assert main(["run", "loop.yaml", "--no-chart", "--set", given]) == 0
+    printed = " ".join(capsys.readouterr().out.split())
+    assert ("the run ends at 2 s, before" in printed) == bool(says)
+    assert says in printed
+
+
+def test_a_run_shorter_than_a_pipeline_says_so(here: Path) -> None:
+    piped = PATCH.replace("period: cycle", "period: cycle\n  compute_time: 3 s")
+    result = hybrid.run(hybrid.parse_patch(piped), {"cycle": 0.5})
+    assert result.status_note == (
+        "the run ends at 2 s, before the program's first results reach the DACs at 3 s"
+    )
+
+
 @pytest.mark.parametrize(
     "over", ["omega=0:10:3", "omega=10:0:3", "cycle=0.1_ms:-1_ms:5", "cycle=-1_ms:0.1_ms:5"]
 )
