@@ -93,7 +93,7 @@ def _run(options: argparse.Namespace, filing: Filing) -> int:
 
         patch, pairs = with_pens(patch, options.xy)
     from hybrid.arguments import machine_of
-    from hybrid.record import machine_facts
+    from hybrid.record import machine_facts, span_facts
     from hybrid.runs import check_run, run
 
     machine = machine_of(patch, parameters, options.machine, options.serial)
@@ -115,6 +115,7 @@ def _run(options: argparse.Namespace, filing: Filing) -> int:
     if options.json:
         print_json(
             **machine_facts(machine),
+            **span_facts(machine),
             seed=result.seed,
             cycles=result.cycles,
             status=result.status,

@@ -10,7 +10,7 @@ import json
 import os
 import platform
 import tempfile
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -19,6 +19,7 @@ import numpy as np
 from hybrid.errors import RunError
 from hybrid.machine import Floats, Machine, Pen
 from hybrid.patch import Patch
+from hybrid.scale import to_seconds
 from hybrid.version import __version__
 
 if TYPE_CHECKING:
@@ -79,6 +80,11 @@ def parameter_texts(machine: Machine) -> dict[str, str]:
     return texts
 
 
+def exact_parameters(machine: Machine, names: Iterable[str] | None = None) -> dict[str, float]:
+    """Every parameter (or those named) in SI, to the last bit: what a replay takes."""
+    return {k: v for k, v in machine.parameters.items() if names is None or k in names}
+
+
 def machine_facts(machine: Machine) -> dict[str, Any]:
     """What every answer says first: which patch, on which machine, with which parameters."""
     return {
@@ -88,7 +94,14 @@ def machine_facts(machine: Machine) -> dict[str, Any]:
         "serial": machine.serial,
         "cycle_s": machine.cycle_s,
         "parameters": parameter_texts(machine),
+        "parameters_si": exact_parameters(machine),
     }
+
+
+def span_facts(machine: Machine) -> dict[str, float]:
+    """End of the run and interval of its rows, before any are left out, as they were played."""
+    timing = machine.timing
+    return {"until_s": to_seconds(timing.until), "every_s": to_seconds(timing.every)}
 
 
 Parts = tuple[dict[str, Any], dict[str, Any], dict[str, Any]]
@@ -147,6 +160,8 @@ def record_parts(
         "serial": machine.serial,
         "cycle_s": machine.cycle_s,
         "parameters": json.dumps(parameter_texts(machine)),
+        "parameters_si": json.dumps(exact_parameters(machine)),
+        **span_facts(machine),
         "versions": versions_text(),
         **facts,
     }

@@ -35,7 +35,14 @@ from hybrid.interrupts import deaf_children
 from hybrid.machine import Machine
 from hybrid.patch import Patch, Readout
 from hybrid.prediction import predict_machine
-from hybrid.record import machine_facts, parameter_texts, patch_hash, signal_units, versions_text
+from hybrid.record import (
+    exact_parameters,
+    machine_facts,
+    parameter_texts,
+    patch_hash,
+    signal_units,
+    versions_text,
+)
 from hybrid.runs import check_seed, run
 from hybrid.streams import stream
 
@@ -122,6 +129,11 @@ class Sweep:
                 follow.add(name)
         return {k: v for k, v in parameter_texts(self.first).items() if k not in follow}
 
+    @property
+    def parameters_si(self) -> dict[str, float]:
+        """The same parameters in SI, to the last bit."""
+        return exact_parameters(self.first, self.parameters)
+
     @cached_property
     def dataset(self) -> xr.Dataset:
         """Measured and predicted figures; NaN where there is no answer."""
@@ -138,6 +150,7 @@ class Sweep:
         return {
             **shared,
             "parameters": self.parameters,
+            "parameters_si": self.parameters_si,
             "over": self.parameter,
             "seed": self.seed,
             "status": self.status,
@@ -385,6 +398,7 @@ def _dataset(result: Sweep) -> xr.Dataset:
             "machine": result.machine,
             "serial": result.first.serial,
             "parameters": json.dumps(result.parameters),
+            "parameters_si": json.dumps(result.parameters_si),
             "versions": versions_text(),
             "seed": result.seed,
             "status": result.status,

@@ -66,8 +66,9 @@ def answer(capsys: pytest.CaptureFixture[str], *arguments: str, code: int = 0) -
 # -- keys of the JSON answers, each as README.md documents it ---------------------------------------
 
 ABOUT = {"patch", "title", "machine", "serial", "cycle_s", "parameters"}
+ABOUT |= {"parameters_si"}
 RUN = {"seed", "cycles", "status", "status_note", "readouts", "overloads", "files"}
-RUN |= {"prediction", "prediction_note"}
+RUN |= {"until_s", "every_s", "prediction", "prediction_note"}
 MODE = {"omega", "omega_damped", "zeta", "omega_ideal", "zeta_ideal", "closed_form"}
 CLOSED = {"equation", "omega", "omega_damped", "zeta", "note"}
 ERRORS = {"omega_error", "omega_damped_error", "zeta_error"}
@@ -233,6 +234,42 @@ def test_a_kernel_of_another_source_or_processor_is_none(
     with monkeypatch.context() as told:  # NUMBA_DISABLE_JIT
         told.setattr(kernel, "play", kernel.play.py_func)
         assert kernel.is_compiled()
+
+
+def test_a_run_is_replayed_bit_for_bit_from_its_file(
+    capsys: pytest.CaptureFixture[str], here: Path
+) -> None:
+    # Figures with more digits than anybody reads, an end that is not the patch's, a drawn machine.
+    texts = {
+        "omega": "10.123456789012345 rad/s",
+        "cycle": "1.00000000123 ms",
+        "tall": "0.03333333333333333 rad",
+    }
+    given = [part for name, text in texts.items() for part in ("--set", f"{name}={text}")]
+    more = ["--seed", "11", "--serial", "4", "--until", "1.2345678901234 s", "--no-chart"]
+    printed = answer(capsys, "run", "loop.yaml", *given, *more)
+    with xr.open_dataset("out/loop.nc") as file:
+        stored = file.load()
+    about = stored.attrs
+    parameters = json.loads(about["parameters_si"])
+    assert parameters == printed["parameters_si"]
+    assert (about["until_s"], about["every_s"]) == (printed["until_s"], printed["every_s"])
+    again = [
+        "--until",
+        f"{float(about['until_s'])!r} s",
+        "--seed",
+        str(about["seed"]),
+        "--no-chart",
+    ]
+    again += ["--machine", about["machine"], "--serial", str(about["serial"]), "--out", "again"]
+    again += [part for name, si in parameters.items() for part in ("--set", f"{name}={si!r}")]
+    replayed = answer(capsys, "run", about["patch"], *again)
+    assert replayed["readouts"] == printed["readouts"]
+    with xr.open_dataset("again/loop.nc") as file:
+        assert file.equals(stored)
+        assert file.attrs == about
+    # What a reader is shown is rounded, and would have been another run.
+    assert float(printed["parameters"]["omega"].split()[0]) != parameters["omega"]
 
 
 SHORT = (
