@@ -175,6 +175,31 @@ def test_every_key_is_in_the_readme() -> None:
     assert keys <= documented, sorted(keys - documented)
 
 
+def test_the_readme_prints_what_its_command_prints(capsys: pytest.CaptureFixture[str]) -> None:
+    text = (Path(__file__).parent.parent / "README.md").read_text(encoding="utf-8")
+    given, block = re.findall(r"`hybrid (run [^`]+)` prints\n\n```text\n(.*?)```", text, re.DOTALL)[
+        0
+    ]
+    arguments = given.replace("patches/pitch_loop.yaml", "pitch_loop").split()
+    assert main([*arguments, "--no-chart"]) == 0
+    printed = capsys.readouterr().out
+    lines = [line.split() for line in printed.splitlines() if line.strip()]
+    for expected in (line.split() for line in block.splitlines()):
+        found = next(line for line in lines if line[0] == expected[0])
+        assert len(found) == len(expected)
+        for said, now in zip(expected, found, strict=True):
+            try:
+                float(said)
+            except ValueError:
+                assert said == now
+                continue
+            # Another library of functions may move the last digit, and ten of it pass for that.
+            places = len(said.partition("e")[0].partition(".")[2])
+            unit = 10.0 ** -(places - int(said.partition("e")[2] or 0))
+            slack = 10 if len(said.strip("-0.")) > 8 else 1
+            assert abs(float(said) - float(now)) <= slack * unit, (expected[0], said, now)
+
+
 def test_every_option_is_in_the_readme(capsys: pytest.CaptureFixture[str]) -> None:
     text = (Path(__file__).parent.parent / "README.md").read_text(encoding="utf-8")
     for verb in ("run", "predict", "sweep", "check", "list", "schema"):
