@@ -2,6 +2,7 @@
 
 import itertools
 import math
+from dataclasses import replace
 from decimal import Decimal, localcontext
 
 import numpy as np
@@ -18,6 +19,7 @@ from hybrid.engine.propagator import (
 )
 from hybrid.patchfile import parse_patch
 from hybrid.runs import run
+from hybrid.timeline import Happening, Segment, build_timeline
 
 EPS = np.finfo(float).eps
 
@@ -176,6 +178,52 @@ def test_propagator_joins_change_and_noise(shipped, compiled):
     error = found.spread @ found.spread.T - covariance
     assert np.all(np.abs(error) <= 1e-12 * np.outer(deviation, deviation))
     assert found.change.shape == (len(a), sum(machine.analog.b.shape))
+
+
+# --- the layout of the timeline and the bits of the record ---------------------------------------
+
+LAYOUTS = {
+    "nominal": {},
+    "between": {"every": "0.7 ms", "compute_time": "0.3 ms"},
+    "pipeline": {"every": "1 ms", "compute_time": "3.2 ms"},
+    "kept": {"every": "0.5 ms, max_rows: 77", "compute_time": "1 ms"},
+    "step": {"every": "1 ms", "compute_time": "1 ms", "step": "123.4 ms"},
+    "serial": {"every": "2 ms", "compute_time": "0 ms", "serial": 5},
+}
+
+
+@pytest.mark.parametrize("case", LAYOUTS.values(), ids=LAYOUTS)
+def test_a_flat_timeline_plays_the_bits_of_a_tiled_one(case, shipped, monkeypatch):
+    changes = [("machine: ideal", f"machine: {{preset: nominal, serial: {case.get('serial', 1)}}}")]
+    changes += [("until: 10 s", f"until: 0.5003 s, every: {case.get('every', '1 ms')}")]
+    if "step" in case:
+        changes += [("M_c: {constant: 0 N*m,", f"M_c: {{step: 900 N*m, at: {case['step']},")]
+    patch = parse_patch(shipped("pitch_loop", *changes))
+    parameters = {"compute_time": case["compute_time"]} if "compute_time" in case else {}
+
+    layouts = []
+
+    def played(build):
+        def seen(machine):
+            layouts.append(build(machine))
+            return layouts[-1]
+
+        monkeypatch.setattr("hybrid.runs.build_timeline", seen)
+        return run(patch, parameters, seed=7)
+
+    def flat(machine):
+        tiled = build_timeline(machine)
+        events = tuple(event for event in tiled if event[1] != Happening.REST)
+        rest = (tiled.until, int(Happening.REST), 0)
+        return replace(tiled, segments=(Segment(0, tiled.until, 1, (*events, rest)),))
+
+    tiled, whole = played(build_timeline), played(flat)
+    assert max(segment.repeats for segment in layouts[0].segments) > 50
+    assert [segment.repeats for segment in layouts[1].segments] == [1]
+    assert len(tiled.rows) == len(whole.rows) > 50
+    assert tiled.rows.tobytes() == whole.rows.tobytes()
+    assert tiled.readouts == whole.readouts
+    assert (tiled.overloads, tiled.status) == (whole.overloads, "complete")
 
 
 # --- a hand-written simulation of a hybrid loop --------------------------------------------------
