@@ -11,6 +11,7 @@ import os
 import platform
 import tempfile
 from collections.abc import Callable, Iterable, Mapping
+from importlib.metadata import version
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -175,12 +176,10 @@ def patch_hash(patch: Patch) -> str:
 
 def versions_text() -> str:
     """Versions of what computed a result, as JSON."""
-    from numba import __version__ as numba_version
-
     versions = {
         "hybrid": __version__,
         "numpy": np.__version__,
-        "numba": numba_version,
+        "numba": version("numba"),  # nothing but the engine loads it
         "python": platform.python_version(),
     }
     return json.dumps(versions)
