@@ -4,6 +4,7 @@ import math
 
 import numpy as np
 import pytest
+from loops import I_YY, pitch_matrix, two_loops
 
 from hybrid import theory
 from hybrid.checks import check
@@ -14,7 +15,7 @@ from hybrid.patchfile import parse_patch
 from hybrid.prediction import closed_form_case, largest_cycle_s, predict
 
 EPS = np.finfo(float).eps
-OMEGA_P, I_YY = 10.0, 1000.0
+OMEGA_P = 10.0
 NAMES = {0.0: "pitch_loop", 1.5: "pitch_loop_lead"}
 
 
@@ -119,15 +120,6 @@ def test_lags_add_to_the_damping_error_one_by_one(shipped, compiled):
 
 
 # --- hand-written cycle maps ---------------------------------------------------------------------
-
-
-def pitch_matrix(tau_s):
-    """x' = A x + b M_a of the loop with five lags: M_a, theta_ddot, theta_dot, theta, alpha."""
-    a = np.diag([-1 / tau_s, -1 / tau_s, 0, -1 / tau_s, 0, -1 / tau_s, -1 / tau_s])
-    a[1, 0] = 1 / (I_YY * tau_s)
-    a[2, 1] = a[4, 3] = 1.0
-    a[3, 2] = a[5, 4] = a[6, 5] = 1 / tau_s
-    return a, np.array([1 / tau_s, 0, 0, 0, 0, 0, 0])
 
 
 def step_map(a, b, interval_s, exact_change):
@@ -271,39 +263,10 @@ def test_modes_are_those_of_the_map_that_the_engine_plays(shipped, play, compile
     np.testing.assert_allclose(np.sort_complex(found), np.sort_complex(z), rtol=0, atol=1e-14)
 
 
-TWO_LOOPS = """
-title: Two coupled oscillators, each closed through a converter pair
-machine: ideal
-parameters: {period: 20 ms, compute_time: 2.5*period, tau: 0 s}
-analog:
-  va: {integrate: {a: -9, fa: 1, b: 0.5}, initial: 0, full_scale: 4, tau: tau}
-  a: {integrate: {va: 1}, initial: 1, full_scale: 2, tau: tau}
-  vb: {integrate: {fb: 2, vb: -0.7}, initial: -0.5, full_scale: 3, tau: tau}
-  b: {integrate: {vb: 1}, initial: -1, full_scale: 2, tau: tau}
-  mix: {sum: {a: 1, b: -0.3}, full_scale: 4, tau: tau}
-interface:
-  s_a: {adc: mix, channel: 2, conversion_time: 0.3 ms}
-  s_b: {adc: b, channel: 0, conversion_time: 0.7 ms}
-  fa: {dac: w_a, full_scale: 5, initial: 0.2, tau: tau}
-  fb: {dac: w_b, full_scale: 50, initial: 0, tau: tau}
-digital:
-  period: period
-  compute_time: compute_time
-  skew: 1 ms
-  remember: {smooth: 0.25, last: -1}
-  program:
-    smooth: previous(smooth) + 0.3*(s_a - previous(smooth))
-    last: s_b
-    w_a: -2*smooth + 0.1*w_b
-    w_b: -12*s_b - 3*(s_b - previous(last))
-run: {until: 4.2 s}
-"""
-
-
 @pytest.mark.parametrize("cycles", [0, 0.4, 1, 2.5, 4])
 @pytest.mark.parametrize("tau_s", [0.0, 1e-6, 2e-3])
 def test_records_are_sums_of_the_predicted_modes(tau_s, cycles, play):
-    played = play(TWO_LOOPS, {"tau": tau_s, "compute_time": 0.02 * cycles})
+    played = play(two_loops("20 ms", "until: 4.2 s"), {"tau": tau_s, "compute_time": 0.02 * cycles})
     z = np.exp(0.02 * exact_modes(played.machine))
     # The first results come after a few cycles; from then on every row is one cycle of the map.
     rows = slice(8, 208)

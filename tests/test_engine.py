@@ -7,6 +7,7 @@ from decimal import Decimal, localcontext
 
 import numpy as np
 import pytest
+from loops import I_YY, pitch_matrix, two_loops
 from scipy.linalg import expm, solve_continuous_lyapunov
 
 from hybrid.engine import kernel
@@ -285,7 +286,7 @@ def same(value):
     return value
 
 
-OMEGA_P, I_YY = 10.0, 1000.0
+OMEGA_P = 10.0
 PITCH_SCALES = {"theta": 1.0, "theta_dot": 10.0, "alpha": 1.0, "alpha_sample": 1.0, "M_a": 1e5}
 
 
@@ -302,16 +303,10 @@ def pitch_plant(stages, tau):
             "read": np.array([[0.0, gain["alpha"]]]),
             "shown": {"theta_dot": 0, "theta": 1, "M_a": 2, "alpha_sample": 3},
         }
-    # M_a, theta_ddot, theta_dot inside and out, theta inside and out, alpha.
-    a = np.diag([-1 / tau, -1 / tau, 0, -1 / tau, 0, -1 / tau, -1 / tau])
-    a[1, 0] = gain["theta_ddot"] / I_YY / tau
-    a[2, 1] = gain["theta_dot"]
-    a[3, 2] = a[5, 4] = 1 / tau
-    a[4, 3] = gain["theta"]
-    a[6, 5] = gain["alpha"] / tau
+    a, b = pitch_matrix(tau, gain)
     return plant | {
         "a": a,
-        "b": np.array([[gain["M_a"] / tau], [0], [0], [0], [0], [0], [0]]),
+        "b": b[:, None],
         "x": [0, 0, 0, 0, 0.1, 0.1, 0.1 * gain["alpha"]],
         "read": np.eye(7)[6:],
         "shown": {"M_a": 0, "theta_dot": 3, "theta": 5, "alpha": 6, "alpha_sample": 8},
@@ -368,35 +363,6 @@ def test_quantised_pitch_loop_meets_every_code(tau, shipped, play, exact_change)
     assert {"alpha_sample", "M_a (DAC)"} <= beyond
 
 
-TWO_LOOPS = """
-title: Two coupled oscillators, each closed through a converter pair
-machine: ideal
-parameters: {period: 10 ms, compute_time: 2.5*period, tau: 0 s}
-analog:
-  va: {integrate: {a: -9, fa: 1, b: 0.5}, initial: 0, full_scale: 4, tau: tau}
-  a: {integrate: {va: 1}, initial: 1, full_scale: 2, tau: tau}
-  vb: {integrate: {fb: 2, vb: -0.7}, initial: -0.5, full_scale: 3, tau: tau}
-  b: {integrate: {vb: 1}, initial: -1, full_scale: 2, tau: tau}
-  mix: {sum: {a: 1, b: -0.3}, full_scale: 4, tau: tau}
-interface:
-  s_a: {adc: mix, channel: 2, conversion_time: 0.3 ms}
-  s_b: {adc: b, channel: 0, conversion_time: 0.7 ms}
-  fa: {dac: w_a, full_scale: 5, initial: 0.2, tau: tau}
-  fb: {dac: w_b, full_scale: 50, initial: 0, tau: tau}
-digital:
-  period: period
-  compute_time: compute_time
-  skew: 1 ms
-  remember: {smooth: 0.25, last: -1}
-  program:
-    smooth: previous(smooth) + 0.3*(s_a - previous(smooth))
-    last: s_b
-    w_a: -2*smooth + 0.1*w_b
-    w_b: -12*s_b - 3*(s_b - previous(last))
-run: {until: 2.003 s, every: 4 ms}
-"""
-
-
 def two_loops_plant(tau):
     """States without lags: va, a, vb, b. With: outputs fa, fb, va, a, vb, b, mix, then insides."""
     loops = np.array([[0, -9, 0, 0.5], [1, 0, 0, 0], [0, 0, -0.7, 0], [0, 0, 1, 0]])
@@ -449,7 +415,10 @@ def two_loops_program(words, memory):
 def test_two_loops_with_memory_and_skew_against_a_simulation_by_hand(
     tau_s, compute_ms, play, exact_change
 ):
-    played = play(TWO_LOOPS, {"tau": tau_s, "compute_time": compute_ms * 1e-3})
+    played = play(
+        two_loops("10 ms", "until: 2.003 s, every: 4 ms"),
+        {"tau": tau_s, "compute_time": compute_ms * 1e-3},
+    )
     plant = two_loops_plant(tau_s)
     # In units of 0.1 ms; s_a is converted on channel 2, 2 ms after the start of the cycle.
     adcs = [(20, 3), (0, 7)]
