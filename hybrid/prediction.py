@@ -30,6 +30,8 @@ if TYPE_CHECKING:
 
 # The search for the largest cycle time starts where a compute time in seconds is this many cycles.
 DEEPEST_SEARCHED = 20
+# ... and goes up by this factor, so that it takes some eighty steps to the longest one.
+STEP = 1.2
 # Two figures that should be equal and differ by rounding only.
 ROUNDING = 1e-9
 # Two modes that are one: where they meet, rounding of 1e-16 moves both by its root.
@@ -247,12 +249,14 @@ def _closed_form(case: Case) -> ClosedForm | None:
 
 
 def largest_cycle_s(machine: Machine, max_damping_error: float) -> float | None:
-    """Largest T such that every shorter one keeps each damping ratio within the given error.
+    """The first T found beyond which a damping ratio is off by more than the given error.
 
-    Steps up from a T far below any mode until the error is exceeded, then bisects to 1e-12 of T.
-    None where it is never exceeded up to one sample per half oscillation. Raises RunError where the
-    patch has no digital machine or no ideal oscillation to compare with, or where lags alone exceed
-    the error.
+    Steps up by a fifth from a T far below any mode until the error is exceeded, then bisects to 1e-12
+    of T. So the error is kept at the T given and at every step below it, and exceeded just above.
+    Between two steps it is not looked at: an excursion that has come back within a fifth of T would be
+    missed. None where no step up to one sample per half oscillation exceeds it. Raises RunError where
+    the patch has no digital machine or no ideal oscillation to compare with, or where lags alone
+    exceed the error.
     """
     max_damping_error = damping_error_of(max_damping_error)
     if not machine.timing.period:
@@ -261,7 +265,7 @@ def largest_cycle_s(machine: Machine, max_damping_error: float) -> float | None:
     fastest = max((m.omega_ideal for m in coupling.modes(machine)), default=0.0)
     if not fastest > 0:
         raise RunError("the patch has no ideal mode to compare the damping ratio with")
-    shortest, longest, step = _shortest_cycle_s(machine, 1e-6 / fastest), math.pi / fastest, 1.2
+    shortest, longest, step = _shortest_cycle_s(machine, 1e-6 / fastest), math.pi / fastest, STEP
     if error(shortest) > max_damping_error:
         raise RunError(
             f"even at T = {shortest:.3g} s the damping-ratio error is {error(shortest):.3g}"

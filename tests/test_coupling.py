@@ -12,7 +12,7 @@ from hybrid.coupling import cycle_map, exact_modes, ideal_modes, modes
 from hybrid.errors import RunError
 from hybrid.linearity import NotLinear, linear_program
 from hybrid.patchfile import parse_patch
-from hybrid.prediction import closed_form_case, largest_cycle_s, predict
+from hybrid.prediction import STEP, closed_form_case, largest_cycle_s, predict
 
 EPS = np.finfo(float).eps
 OMEGA_P = 10.0
@@ -545,6 +545,21 @@ def test_largest_cycle_solves_the_exact_equation(error, shipped, compiled):
     zeta = theory.exact_uncompensated(OMEGA_P, longest).zeta
     assert zeta == pytest.approx(-error, rel=3e-12)
     assert longest == pytest.approx(theory.largest_period_s(OMEGA_P, error), rel=2 * error)
+
+
+@pytest.mark.parametrize("name", NAMES.values())
+def test_largest_cycle_keeps_what_it_promises(name, shipped, compiled):
+    # Kept at the T found and at every step down to a thousandth of it, exceeded just above.
+    text = shipped(name)
+
+    def error(period_s):
+        found = compiled(text, {"cycle": period_s}, "lags")
+        return max(abs(m.zeta - m.zeta_ideal) for m in modes(found) if m.omega_ideal > 0)
+
+    longest = largest_cycle_s(compiled(text, preset="lags"), 0.01)
+    assert error(longest) <= 0.01 < error(longest * (1 + 1e-9))
+    for k in range(1, 39):
+        assert error(longest / STEP**k) <= 0.01
 
 
 def test_largest_cycle_with_lead_and_with_lags(shipped, compiled):
