@@ -39,6 +39,48 @@ def test_bench_passes_and_prints_one_json_object(script, tmp_path):
     assert list(tmp_path.iterdir()) == []  # a bench leaves nothing behind
 
 
+# -- goals of the speed bench -----------------------------------------------------------------------
+
+
+@pytest.fixture
+def speed_bench(monkeypatch):
+    """The module benches/speed.py."""
+    pytest.importorskip("control", reason="benches need the extra 'bench'")
+    monkeypatch.syspath_prepend(str(BENCHES))
+    return importlib.import_module("speed")
+
+
+def test_every_goal_is_judged_in_its_row(speed_bench):
+    def row(hybrid, goal, over_control=None, goal_over_control=None):
+        figures = {"over_control": over_control, "goal_over_control": goal_over_control}
+        return {"hybrid": hybrid, "goal": goal, **figures}
+
+    runs = [row(2e7, 1e7, 49.0, 50.0), row(1e6, 3e6), row(1e6, None, 51.0, 50.0)]
+    whole = [{"hybrid": 2.0, "goal": 3.0}, {"hybrid": 2.0, "goal": 2.0}]
+    goals = speed_bench.judge(runs, whole, quick=False)
+    assert (goals.count("yes"), goals.count("no")) == (3, 3)
+    assert [r["meets_goal_over_control"] for r in runs] == ["no", "-", "yes"]
+    assert [r["meets_goal"] for r in [*runs, *whole]] == ["yes", "no", "-", "yes", "no"]
+    assert speed_bench.judge(runs, whole, quick=True) == []
+    headings = speed_bench.runs_table(runs).formats
+    assert "meets_goal_over_control" in {key for key, _ in headings.values()}
+
+
+def test_a_row_beside_python_control_has_the_goal_of_fifty_times(speed_bench):
+    patch = speed_bench.hybrid.parse_patch(speed_bench.FIVE_ELEMENTS)
+    rows = [
+        speed_bench.run_row(patch, case, case, 200, None, 100, 1) for case in ("lags", "nominal")
+    ]
+    assert [r["goal_over_control"] for r in rows] == [50.0, None]
+
+
+def test_the_command_is_started_as_users_start_it(speed_bench, monkeypatch):
+    started = []
+    monkeypatch.setattr(speed_bench.subprocess, "run", lambda given, **_: started.append(given))
+    speed_bench.command_row(speed_bench.Options(quick=True, json=True))
+    assert started[0][:4] == [sys.executable, "-m", "hybrid", "run"]
+
+
 # -- a bench must be able to fail -------------------------------------------------------------------
 
 
