@@ -201,8 +201,8 @@ READOUT_KINDS = {
     "final": "last value",
     "maximum": "largest value and its time",
     "minimum": "smallest value and its time",
-    "rms": "root of the mean square",
-    "mean": "mean value",
+    "rms": "root of the time mean of the square (trapezoidal rule over the rows)",
+    "mean": "time mean (trapezoidal rule over the rows)",
 }
 
 READOUT_KEYS = (

@@ -323,16 +323,30 @@ def minimum(time_s: Array, values: Array) -> Readout:
 
 
 def rms(time_s: Array, values: Array) -> Readout:
-    """Root of the mean square of the rows of a record (rows,)."""
+    """Root of the time mean of the square of a record (rows,), by the trapezoidal rule."""
     _rows(time_s, values)
     peak = float(np.max(np.abs(values))) or 1.0  # keeps the squares from overflow
-    return {"value": peak * math.sqrt(float(np.mean(np.square(values / peak))))}
+    return {"value": peak * math.sqrt(_time_mean(time_s, np.square(values / peak)))}
 
 
 def mean(time_s: Array, values: Array) -> Readout:
-    """Mean of the rows of a record (rows,)."""
+    """Time mean of a record (rows,), by the trapezoidal rule."""
     _rows(time_s, values)
-    return {"value": float(np.mean(values))}
+    peak = float(np.max(np.abs(values))) or 1.0  # keeps the sum from overflow
+    return {"value": peak * _time_mean(time_s, values / peak)}
+
+
+def _time_mean(time_s: Array, values: Array) -> float:
+    """Integral over the rows' times by the trapezoidal rule, over their length; of one row its value.
+
+    A row at either end of the record stands for half an interval only, so that a whole number of
+    cycles of an oscillation has the mean 0 though its first row comes again as its last.
+    """
+    steps = np.diff(time_s)
+    length_s = float(np.sum(steps))
+    if not length_s > 0.0:
+        return float(np.mean(values))
+    return float(np.sum((values[1:] + values[:-1]) * steps)) / (2.0 * length_s)
 
 
 def transient(time_s: Array, values: Array) -> Readout:

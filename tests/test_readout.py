@@ -424,9 +424,24 @@ def test_simple_readouts():
         "final": {"value": 4.0, "time_s": 1.5},
         "maximum": {"value": 4.0, "time_s": 1.0},
         "minimum": {"value": -3.0, "time_s": 0.5},
-        "rms": {"value": math.sqrt(42.0 / 4.0)},
-        "mean": {"value": 1.5},
+        # By hand: half a second of (1 + 9)/2, (9 + 16)/2, 16; and of (1 - 3)/2, (-3 + 4)/2, 4.
+        "rms": {"value": pytest.approx(math.sqrt(0.5 * (5.0 + 12.5 + 16.0) / 1.5), rel=1e-15)},
+        "mean": {"value": pytest.approx(0.5 * (-1.0 + 0.5 + 4.0) / 1.5, rel=1e-15)},
     }
+
+
+def test_means_are_taken_over_time():
+    one, uneven = np.array([7.0]), np.array([0.0, 1.0, 10.0])
+    assert READOUTS["mean"](one, np.array([-3.0])) == {"value": -3.0}
+    assert READOUTS["rms"](one, np.array([-3.0])) == {"value": 3.0}
+    # A ramp over rows that are not even has the mean of its ends.
+    assert READOUTS["mean"](uneven, 2.0 * uneven)["value"] == pytest.approx(10.0, rel=1e-15)
+    assert READOUTS["mean"](uneven, np.full(3, 0.1))["value"] == 0.1
+    # One whole cycle, whose first row comes again as its last.
+    cycle = np.cos(2.0 * math.pi * np.arange(101) / 100.0)
+    assert READOUTS["mean"](np.arange(101) * 0.01, cycle)["value"] == pytest.approx(0.0, abs=1e-15)
+    rms = READOUTS["rms"](np.arange(101) * 0.01, cycle)["value"]
+    assert rms == pytest.approx(math.sqrt(0.5), rel=1e-15)
 
 
 def test_rms_of_large_values_does_not_overflow():
