@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING, Any
 from hybrid import coupling
 from hybrid.arguments import Parameters, Source, machine_of
 from hybrid.components import CATALOG
+from hybrid.errors import counted
 from hybrid.graph import simple_loops
 from hybrid.linearity import NotLinear
 from hybrid.machine import Machine
@@ -119,7 +120,7 @@ class Check:
         ]
         lines += [
             f"  {row.signal} ({row.kind}): full scale {row.full_scale:.6g} {row.units}".rstrip()
-            + f"; {row.value:.6g} {row.units}".rstrip()
+            + f"; {row.value + 0.0:.6g} {row.units}".rstrip()
             + " at t = 0"
             for row in self.scaling
         ]
@@ -143,7 +144,7 @@ def check(
     compiled = machine_of(patch, parameters, machine, serial)
     check_windows(compiled)
     timeline = build_timeline(compiled)
-    events = f"{timeline.cycles} cycles, {timeline.rows} rows of the record"
+    events = f"{counted(timeline.cycles, 'cycle')}, {counted(timeline.rows, 'row')} of the record"
     return Check(
         compiled,
         _scaling(compiled),
@@ -265,4 +266,7 @@ def _which_prediction(machine: Machine) -> str:
     closed = (
         f"; closed form: Eq. {case.equation}" if case else "; no closed form of the paper applies"
     )
-    return f"{kind} ({len(modes)} mode{'s' if len(modes) != 1 else ''}){closed}"
+    real = sum(mode.omega_damped == 0 for mode in modes)
+    parts = {"oscillating pair": len(modes) - real, "real pole": real}
+    told = ", ".join(counted(number, what) for what, number in parts.items() if number)
+    return f"{kind} ({counted(len(modes), 'mode')}{': ' + told if told else ''}){closed}"

@@ -64,6 +64,11 @@ def one_line(text: str) -> str:
     return "".join(letter if letter.isprintable() else " " for letter in text)
 
 
+def counted(number: int, what: str) -> str:
+    """A number of things: "1 cycle", "2 cycles"."""
+    return f"{number} {what}{'' if number == 1 else 's'}"
+
+
 def shown(value: object) -> str:
     """Whatever was handed over instead, for a one-line message: cut where long."""
     if isinstance(value, str):

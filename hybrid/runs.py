@@ -17,7 +17,7 @@ from hybrid.arguments import Parameters, Source, machine_of, whole_number
 from hybrid.coupling import modes
 from hybrid.engine import kernel
 from hybrid.engine.linear import DAC_SUFFIX, Overload, Player
-from hybrid.errors import PatchError
+from hybrid.errors import PatchError, counted
 from hybrid.linearity import NotLinear
 from hybrid.machine import Floats, Machine, Pen
 from hybrid.patch import Readout
@@ -78,7 +78,7 @@ class Run:
     def __repr__(self) -> str:
         lines = [
             f"<Run {self.machine.patch.title!r} on {self.machine.preset!r}, seed {self.seed}: "
-            f"{self.cycles} cycles, {len(self.time_s)} rows, {self.status}>"
+            f"{counted(self.cycles, 'cycle')}, {counted(len(self.time_s), 'row')}, {self.status}>"
         ]
         lines += [f"  {self.status_note}"] * bool(self.status_note)
         for name, quantities in self.readouts.items():
@@ -98,7 +98,7 @@ def readout_text(quantities: Mapping[str, Any]) -> str:
             continue
         if isinstance(figure, float):
             label = "time" if name == "time_s" else name
-            figures.append(f"{label} {figure:.9g} {units.get(name, '')}".strip())
+            figures.append(f"{label} {figure + 0.0:.9g} {units.get(name, '')}".strip())
         else:
             figures.append(f"{name}: {figure}")
     return ", ".join(figures)

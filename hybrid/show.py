@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import math
 from collections.abc import Iterable, Mapping, Sequence
 from typing import Any
@@ -11,6 +12,7 @@ from rich.markup import escape
 from rich.table import Table
 
 from hybrid.checks import Check
+from hybrid.errors import counted
 from hybrid.prediction import Prediction
 from hybrid.runs import Run, readout_text
 from hybrid.sweeps import Sweep
@@ -69,18 +71,24 @@ def show_run(
 ) -> None:
     """What was run, the readouts beside the prediction, the overloads, the files."""
     machine = run.machine
-    cycles = f"{run.cycles} cycles of {machine.cycle_s:g} s, " if machine.timing.period else ""
+    cycles = ""
+    if machine.timing.period:
+        cycles = f"{counted(run.cycles, 'cycle')} of {machine.cycle_s:g} s, "
     console.print(f"[bold]{escape(machine.patch.title)}[/]  ({escape(machine.patch.file)})")
     console.print(
-        f"machine {machine.preset}, seed {run.seed}; {cycles}{len(run.time_s)} rows"
+        f"machine {machine.preset}, seed {run.seed}; {cycles}{counted(len(run.time_s), 'row')}"
         + (f" ({run.rows_note})" if run.rows_note else "")
     )
     if run.status_note:
         style = "yellow" if run.status == "complete" else "bold red"
         console.print(f"[{style}]{escape(run.status_note)}[/]")
     modes = prediction.to_dicts() if isinstance(prediction, Prediction) else []
+    above = "none"  # a table stands between blank lines, single lines stay together
     for name, quantities in run.readouts.items():
-        console.print()
+        kind = "table" if "zeta" in quantities and not quantities.get("reason") else "line"
+        if "table" in (above, kind) or above == "none":
+            console.print()
+        above = kind
         _show_readout(console, name, quantities, modes)
     if isinstance(prediction, str):
         console.print(escape(prediction))
@@ -96,7 +104,7 @@ def _show_readout(
     if quantities.get("reason"):
         console.print(f"[bold]{escape(name)}[/]: {escape(str(quantities['reason']))}")
     elif "zeta" in quantities:
-        mode = nearest_mode(quantities, modes)
+        mode = nearest_mode(quantities, [*modes, *_real_pairs(quantities, modes)])
         closed = (mode or {}).get("closed_form")
         columns = [name, "measured", "+-", "exact", "ideal"]
         if closed:
@@ -115,11 +123,67 @@ def _show_readout(
         show_table(console, "", columns, rows)
         if closed and closed.get("note"):
             console.print(f"Eq. {closed['equation']}: {escape(closed['note'])}", style="dim")
+        if mode and mode.get("poles"):
+            console.print(f"exact: {_poles_text(mode['poles'])}", style="dim")
+            if mode["omega_ideal"] is not None:
+                console.print(f"ideal: {_poles_text(mode['ideal_poles'])}", style="dim")
     else:
         figures = {k: v for k, v in quantities.items() if k != "note"}
         console.print(f"[bold]{escape(name)}[/]: {escape(readout_text(figures))}")
     if quantities.get("note"):
         console.print(escape(str(quantities["note"])), style="yellow")
+
+
+def _real_pairs(
+    measured: Mapping[str, Any], modes: Sequence[Mapping[str, Any]]
+) -> list[dict[str, Any]]:
+    """Every two real poles as the one mode that a transient of both is measured as.
+
+    Beside an overdamped measurement only: it has omega and zeta of two poles together, the prediction
+    lists each of them alone.
+    """
+    if not measured.get("omega") or measured["omega_damped"] > 0:
+        return []
+    real = [m for m in modes if m["omega"] > 0 and m["omega_damped"] == 0]
+    pairs = []
+    for one, other in itertools.combinations(real, 2):
+        made = _as_one(one["zeta"] * one["omega"], other["zeta"] * other["omega"])
+        if made is None:
+            continue
+        ideals = [m["zeta_ideal"] * m["omega_ideal"] for m in (one, other) if _is_real_ideal(m)]
+        ideal = _as_one(*ideals) if len(ideals) == 2 else None
+        pairs.append(
+            {
+                "omega": made[0],
+                "omega_damped": 0.0,
+                "zeta": made[1],
+                "omega_ideal": ideal[0] if ideal else None,
+                "zeta_ideal": ideal[1] if ideal else None,
+                "closed_form": None,
+                "poles": [m["zeta"] * m["omega"] for m in (one, other)],
+                "ideal_poles": ideals,
+            }
+        )
+    return pairs
+
+
+def _is_real_ideal(mode: Mapping[str, Any]) -> bool:
+    """Whether the ideal of a mode is a real pole too; |zeta| of one is 1 but for rounding."""
+    zeta = mode["zeta_ideal"]
+    return zeta is not None and abs(abs(zeta) - 1.0) < 1e-12
+
+
+def _as_one(p: float, q: float) -> tuple[float, float] | None:
+    """omega and zeta of two real poles that decay at the rates p and q; None where one grows alone."""
+    if p * q <= 0:
+        return None
+    omega = math.sqrt(abs(p)) * math.sqrt(abs(q))
+    return omega, 0.5 * (p / omega + q / omega)
+
+
+def _poles_text(rates: Sequence[float]) -> str:
+    first, second = (figure(-rate, 7) for rate in sorted(rates, key=abs))
+    return f"the real poles s = {first} and {second} 1/s as one mode"
 
 
 def nearest_mode(
@@ -194,7 +258,8 @@ def show_sweep(console: Console, sweep: Sweep, files: Sequence[str]) -> None:
     scalars = [str(n) for n in data.data_vars if str(n).startswith("value_")]
     overloads = any(p.overloads for p in sweep.points)
     rows = []
-    for i in some_rows(len(sweep.points), MOST_SWEEP_ROWS):
+    listed = some_rows(len(sweep.points), MOST_SWEEP_ROWS)
+    for i in listed:
         row = [figure(float(data[sweep.parameter].values[i]), 6)]
         for j in range(len(readouts)):
             row += [figure(float(data["measured_zeta"].values[i, j]))]
@@ -211,9 +276,14 @@ def show_sweep(console: Console, sweep: Sweep, files: Sequence[str]) -> None:
     columns += [f"{n.removeprefix('value_')} {data[n].attrs['units']}".strip() for n in scalars]
     columns += ["overloads"] if overloads else []
     show_table(console, "", columns, rows)
+    if len(listed) < len(sweep.points):
+        console.print(
+            f"the table has {len(listed)} of {len(sweep.points)} points; the file has all",
+            style="dim",
+        )
     notes = [p.remarks for p in sweep.points if p.remarks]
     if notes:
-        points = f"{len(notes)} point{'s' if len(notes) > 1 else ''} with a note"
+        points = f"{counted(len(notes), 'point')} with a note"
         console.print(f"{points}, the first: {escape(notes[0])}")
     for file in files:
         console.print(f"wrote {escape(file)}", soft_wrap=True)
@@ -247,13 +317,14 @@ def show_check(console: Console, check: Check) -> None:
         (
             p.component,
             p.input,
-            ("-" if p.inverted else "") + f"{p.setting:.4f}",
+            f"{p.setting:.4f}",
             str(p.gain),
+            "inverted" if p.inverted else "",
             figure(p.coefficient_mu, 6),
         )
         for p in check.pots
     ]
-    headings = ("component", "input", "setting", "gain", "coefficient")
+    headings = ("component", "input", "setting", "gain", "", "coefficient")
     show_table(console, "Potentiometers", headings, settings, texts=2)
     _show_converters(console, check)
     loops = [

@@ -70,15 +70,15 @@ def print_json(**facts: Any) -> None:
 
 
 def _plain(value: Any) -> Any:
-    """Plain JSON values: no NaN, no numpy."""
+    """Plain JSON values: no NaN, no numpy, no -0.0."""
     if isinstance(value, dict):
         return {str(k): _plain(v) for k, v in value.items()}
     if isinstance(value, (list, tuple)):
         return [_plain(v) for v in value]
     if hasattr(value, "item"):
         value = value.item()
-    if isinstance(value, float) and not math.isfinite(value):
-        return None
+    if isinstance(value, float):
+        return value + 0.0 if math.isfinite(value) else None
     return value
 
 

@@ -19,6 +19,7 @@ import xarray as xr
 import hybrid
 from hybrid.cli import main
 from hybrid.engine import kernel
+from hybrid.terminal import print_json
 
 PATCH = """
 title: Loop
@@ -206,6 +207,11 @@ def test_every_option_is_in_the_readme(capsys: pytest.CaptureFixture[str]) -> No
         assert main([verb, "--help"]) == 0
         for option in set(re.findall(r"--[a-z-]+", capsys.readouterr().out)) - {"--help"}:
             assert option in text, (verb, option)
+
+
+def test_no_minus_zero_in_json(capsys: pytest.CaptureFixture[str]) -> None:
+    print_json(value=-0.0, rows=[-0.0, -1.5, float("nan")])
+    assert capsys.readouterr().out == '{"value": 0.0, "rows": [0.0, -1.5, null]}\n'
 
 
 # -- small things -----------------------------------------------------------------------------------

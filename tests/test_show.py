@@ -64,6 +64,53 @@ def test_no_table_is_cut(patches, width: int) -> None:
     assert row.split() == [LONG, "sum", "100", "rad/s^2", "0", "0", "-"]
 
 
+OVERDAMPED = """
+title: Overdamped
+machine: lags
+analog:
+  v: {integrate: {v: -5, x: -4}, initial: -0.0, full_scale: 10}
+  x: {integrate: {v: 1}, initial: 1, full_scale: 10}
+run: {until: 5 s, every: 10 ms}
+readouts:
+  pair: {transient: x}
+  first: {final: v, until: 1 ms}
+  before: {mean: x}
+"""
+
+
+def test_an_overdamped_measurement_stands_beside_both_poles() -> None:
+    patch = hybrid.parse_patch(OVERDAMPED)
+    lines = printed(show_run, hybrid.run(patch), predict(patch), [])
+    for name, ideal in {"omega rad/s": 2.0, "zeta": 1.25}.items():
+        found = next(line for line in lines if line.startswith(name)).removeprefix(name).split()
+        measured, _, exact, shown_ideal = (float(figure) for figure in found)
+        assert measured == pytest.approx(exact, rel=1e-7)
+        assert shown_ideal == ideal
+    assert "ideal: the real poles s = -1 and -4 1/s as one mode" in lines
+    # The contract lists each pole alone.
+    assert [m["omega_ideal"] for m in predict(patch).to_dicts()] == pytest.approx([1.0, 4.0])
+
+
+def test_readouts_keep_their_order_and_stand_together() -> None:
+    result = hybrid.run(hybrid.parse_patch(OVERDAMPED))
+    assert list(result.readouts) == ["pair", "first", "before"]
+    lines = printed(show_run, result, "no prediction: none asked", [])
+    place = lines.index("first: value 0, time 0 s")
+    assert lines[place - 1] == ""
+    assert lines[place + 1].startswith("before: value ")
+
+
+def test_what_is_counted_as_modes_and_how_potentiometers_are_set() -> None:
+    checked = hybrid.check(hybrid.parse_patch(OVERDAMPED))
+    assert "(2 modes: 2 real poles)" in checked.prediction
+    pots = {(p.component, p.input): p for p in checked.pots}
+    assert (pots["v", "x"].setting, pots["v", "x"].gain, pots["v", "x"].inverted) == (0.4, 10, True)
+    lines = [line.split() for line in printed(show_check, checked)]
+    assert ["v", "x", "0.4000", "10", "inverted", "-4"] in lines
+    pitch = hybrid.check("pitch_loop")
+    assert "(1 mode: 1 oscillating pair)" in pitch.prediction
+
+
 def test_scalar_readouts_show_their_unit(patches) -> None:
     text = patches[0].text.replace("pitch_mode: {transient: theta}", "top: {maximum: theta_dot}")
     result = hybrid.run(hybrid.parse_patch(text))
@@ -82,6 +129,7 @@ def test_a_sweep_shows_its_last_point_and_its_overloads(patches) -> None:
     table = [line for line in lines if line[:1].isdigit()]
     assert table[0].split()[0] == "1"
     assert table[-1].split()[0] == "3.9"
+    assert f"the table has {len(table)} of 30 points; the file has all" in lines
     over = sum(p.overloads > 0 for p in result.points)
     assert (f"{over} with overloads" in " ".join(lines)) == (over > 0)
     assert any("overloads" in line.split()[-1:] for line in lines) == (over > 0)

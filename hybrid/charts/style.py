@@ -114,7 +114,7 @@ def number(value: float, digits: int = 4) -> str:
     """Write a number with `digits` significant digits: '0.25', '−1.5×10⁻⁶', 'none' for NaN."""
     if math.isnan(value):
         return "none"
-    rounded = float(f"{value:.{digits}g}")
+    rounded = float(f"{value:.{digits}g}") + 0.0  # no -0
     mantissa, _, exponent = f"{rounded:.{max(digits, 6)}g}".replace("-", "−").partition("e")
     if not exponent:
         return mantissa

@@ -48,8 +48,8 @@ def read_record(book: Book) -> tuple[str, ...]:
 
 
 def read_readouts(book: Book) -> tuple[Readout, ...]:
-    """The readouts, sorted by name."""
-    entries = sorted(book.section("readouts") or (), key=lambda entry: entry[0])
+    """The readouts, in the order written, in which they are shown."""
+    entries = book.section("readouts") or ()
     return tuple(_readout(book, name, tree, place) for name, tree, place in entries)
 
 
