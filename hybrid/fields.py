@@ -48,22 +48,23 @@ _RATE = PURE / TIME
 
 def check_name(name: str, place: Place, what: str) -> None:
     """Names are single words of ASCII letters, digits and underscores, and not functions."""
+    article = "an" if what[0] in "aeiouAEIOU" else "a"
     if not _NAME.match(name):
         raise PatchError(
-            f"{quoted(name)} cannot name a {what}; use letters, digits and underscores, at most "
+            f"{quoted(name)} cannot name {article} {what}; use letters, digits and underscores, at most "
             f"{LONGEST_NAME}, no digit first",
             place,
         )
     if name in RESERVED_NAMES:
         raise PatchError(
-            f"{name!r} cannot name a {what}; it is a function, a constant or a reserved word, so "
-            f"take another, such as {name}_1",
+            f"{name!r} cannot name {article} {what}; it is a function, a constant or a reserved word, "
+            f"so take another, such as {name}_1",
             place,
         )
     if name == TIME_AXIS and what != "parameter":
         raise PatchError(
-            f"{name!r} cannot name a {what}; it is the time axis of the record, so take another, "
-            "such as clock",
+            f"{name!r} cannot name {article} {what}; it is the time axis of the record, so take "
+            "another, such as clock",
             place,
         )
 
@@ -152,6 +153,11 @@ def in_words(dimension: Dimension, unit: str = "") -> str:
     return f"in {dimension}"
 
 
+def _si_unit(dimension: Dimension) -> str:
+    """SI unit of a dimension, none of a pure number."""
+    return "" if dimension.is_pure else str(dimension)
+
+
 @dataclass(frozen=True, slots=True)
 class FullScale:
     """Full scale of a signal, with the unit that the signal is shown in and its SI factor."""
@@ -229,7 +235,9 @@ class Fields:
         tree = self.tree("full_scale")
         value, found = self.value_of(tree, f"full_scale of {self.what}")
         dimension = found or PURE
-        positive = Value(value.expr, value.place, value.what, positive=True)
+        positive = Value(
+            value.expr, value.place, value.what, positive=True, unit=_si_unit(dimension)
+        )
         shown = self.table.entries.get("unit")
         if shown is not None:
             unit, factor = self._unit(Text("1 " + self.text("unit"), shown.place), dimension)
@@ -285,6 +293,7 @@ class Fields:
             what,
             positive=key.bound is Bound.POSITIVE,
             not_negative=key.bound is Bound.NOT_NEGATIVE,
+            unit=_si_unit(wanted),
         )
 
     def terms(self, key: str) -> tuple[tuple[str, Value], ...]:

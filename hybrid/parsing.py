@@ -45,6 +45,9 @@ _OPERATORS: dict[type[ast.operator], Literal["+", "-", "*", "/", "**"]] = {
 
 _WORD = re.compile(r"(?<![\w.])[A-Za-z_]\w*+", re.ASCII)
 _BAD_CHARACTER = re.compile(r"[^A-Za-z0-9_.+\-*/^(), \t\n]")
+_NOT_FINITE = re.compile(r"[+-]?\.?(nan|inf|infinity)(\s+\S.*)?", re.ASCII | re.IGNORECASE)
+_DECIMAL_COMMA = re.compile(r"(?<![\w.,])(\d++),(\d++)(?![\w.]*,)", re.ASCII)
+_NAME_ALONE = re.compile(r"[A-Za-z_]\w*+", re.ASCII)
 _NUMBER_THEN_NAME = re.compile(
     r"(?<![\w.])((?:\d++\.?+\d*+|\.\d++)(?:[eE][+-]?\d++)?+)[ \t]*+([A-Za-z_]\w*+)", re.ASCII
 )
@@ -75,6 +78,7 @@ def parse(
         raise ExpressionError(
             f"an expression has at most {LONGEST_TEXT} characters, this has {len(text)}"
         )
+    _refuse_what_is_no_number(text, names)
     if looks_like_quantity(text):
         _refuse_hidden_product(text, names)
         return _quantity(text)
@@ -87,9 +91,37 @@ def _quantity(text: str | int | float) -> Number:
     try:
         quantity = parse_quantity(text)
     except UnitError as error:
-        advice = " (a product needs *)" if isinstance(text, str) else ""
+        advice = " (a product needs *)" if _may_be_a_product(text) else ""
         raise ExpressionError(f"{error}{advice}") from None
     return Number(quantity.value, quantity.dimension)
+
+
+def _may_be_a_product(text: str | int | float) -> bool:
+    """Whether what stands for an unknown unit may be a name, "2 gain", or arithmetic, "2 ms + 1"."""
+    try:
+        _, unit = split_quantity(text)
+    except UnitError:
+        return False
+    try:
+        parse_quantity(f"1 {unit}")
+    except UnitError as error:
+        unknown = str(error).startswith("unknown unit") and _NAME_ALONE.fullmatch(unit)
+        return bool(unknown or re.search(r"[-+(]", unit))
+    return False
+
+
+def _refuse_what_is_no_number(text: str, names: Set[str]) -> None:
+    """Say it of nan and infinities, and of a comma where a number has its point."""
+    found = _NOT_FINITE.fullmatch(text.strip())
+    if found and found[1] not in names:
+        raise ExpressionError(
+            f"{text.strip()[:40]!r} is not a finite number; give one, such as 5 or 1 ms"
+        )
+    # Within parentheses a comma may part the arguments of a function.
+    if found := _DECIMAL_COMMA.search(text.partition("(")[0]):
+        raise ExpressionError(
+            f"write a point in a number, not a comma: {found[1]}.{found[2]}", found.start() + 1
+        )
 
 
 def _refuse_hidden_product(text: str, names: Set[str]) -> None:

@@ -28,6 +28,7 @@ class Value:
     what: str = "value"  # "full_scale of 'theta'", for messages
     positive: bool = False
     not_negative: bool = False
+    unit: str = ""  # SI unit, for messages
 
     def number(self, scope: Mapping[str, float]) -> float:
         """The value in SI units; raises PatchError where it is not allowed."""
@@ -36,10 +37,13 @@ class Value:
         except ExpressionError as error:
             raise PatchError(f"{self.what}: {error}", self.place) from None
         if self.positive and not value > 0:
-            raise PatchError(f"{self.what} is {value:g}; it must be greater than 0", self.place)
+            raise PatchError(f"{self._told(value)}; it must be greater than 0", self.place)
         if self.not_negative and value < 0:
-            raise PatchError(f"{self.what} is {value:g}; it must be 0 or greater", self.place)
+            raise PatchError(f"{self._told(value)}; it must be 0 or greater", self.place)
         return value
+
+    def _told(self, value: float) -> str:
+        return f"{self.what} is {value:g} {self.unit}".rstrip()
 
 
 @dataclass(frozen=True, slots=True)

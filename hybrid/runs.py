@@ -215,7 +215,8 @@ def _play(player: Player, progress: Progress | None) -> tuple[str, str]:
         return "stopped", (
             f"stopped at {player.done_s:.6g} s: {_cycle_text(player)} "
             "the program computed no finite number for "
-            f"{', '.join(words)} (a division by zero, or a root or logarithm of a negative number)"
+            f"{', '.join(words)} (a number beyond 1.8e308, a division by zero, "
+            "or a root or logarithm of a negative number)"
         )
     machine = player.machine
     return "complete", "; ".join(filter(None, (_short_note(machine), _left_out(machine))))

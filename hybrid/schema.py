@@ -148,7 +148,13 @@ def _holds(key: Key) -> dict[str, Any]:
         return {**made, "examples": [{"-1": 0, "0": 0, "1": 1}]}
     if key.holds is Holds.SIGNALS:
         items = {"type": "string", "pattern": NAME}
-        return {"type": "array", "items": items, "minItems": 1, "examples": [["theta"]]}
+        return {
+            "type": "array",
+            "items": items,
+            "minItems": 1,
+            "uniqueItems": True,
+            "examples": [["theta"]],
+        }
     made = {"type": "string", "minLength": 1}
     if key.holds is Holds.SIGNAL:
         made["pattern"] = NAME

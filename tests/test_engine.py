@@ -579,6 +579,7 @@ def test_program_without_a_finite_answer_stops(shipped, expression):
     result = run(parse_patch(text))
     assert result.status == "stopped" and "moment" in result.status_note
     assert "no finite number" in result.status_note
+    assert "beyond 1.8e308" in result.status_note
     # The answer to the first sample is due after one cycle; rows up to then are kept.
     assert result.time_s.tolist() == [0.0]
     assert np.all(np.isfinite(result.rows))

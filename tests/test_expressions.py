@@ -107,6 +107,11 @@ VALID = "valid are numbers"
         ("y + previous(x)", "only in a digital program", 5),
         ("3 furlongz", "furlongz", None),
         ("2 ms + 1", "a product needs *", None),
+        ("2 gain", "a product needs *", None),
+        (".inf", "not a finite number", None),
+        ("-inf", "not a finite number", None),
+        ("1,5 ms", "not a comma: 1.5", 1),
+        ("2*1,5", "not a comma: 1.5", 3),
         ("1 " + "m" * 300, "at most 200", None),
         ("x" * 2001, "at most 2000", None),
         ("sin(" * 101 + "x" + ")" * 101, "100 operations deep", None),
@@ -445,3 +450,16 @@ def test_every_function_is_read_and_has_a_dimension():
             tree = parse(f"{name}({', '.join(['p'] * count)})")
             assert dimension_of(tree, UNITS) == PURE
             assert math.isfinite(evaluate(tree, {"p": 0.5}))
+
+
+@pytest.mark.parametrize("text", ["10 rad//s", "10 foo/s", "20 degC", "3 dB"])
+def test_no_product_is_meant_where_a_unit_is_wrong(text):
+    with pytest.raises(ExpressionError) as caught:
+        parse(text)
+    assert "product" not in str(caught.value)
+
+
+def test_names_like_nan_and_commas_in_functions_are_read():
+    assert evaluate(parse("inf", {"inf"}), {"inf": 3.0}) == 3.0
+    assert evaluate(parse("max(1,5)"), {}) == 5.0
+    assert evaluate(parse("2 + max(1,5)"), {}) == 7.0

@@ -59,7 +59,7 @@ def test_the_patch_of_the_tests_is_valid() -> None:
 BEYOND = {
     "sine without omega", "sine with both", "code", "escape in title", "two lines", "long title",
     "underscore", "hexadecimal", "infinity", "nan", "named nan", "too large", "too small",
-    "two numbers", "division by zero", "overflow", "root", "attribute", "unclosed", "deep",
+    "two numbers", "comma", "division by zero", "overflow", "root", "attribute", "unclosed", "deep",
     "deep minus", "long expression", "full_scale 0", "full_scale negative",
     "tiny full_scale", "huge full_scale", "initial", "DAC initial", "huge coefficient", "huge rate",
     "overflowing rate", "huge omega", "tiny tau", "negative tau", "noise 5", "noise alone", "range",

@@ -43,6 +43,8 @@ def read_record(book: Book) -> tuple[str, ...]:
         if item.text not in known:
             hint = did_you_mean(item.text, known)
             raise PatchError(f"record: unknown signal {quoted(item.text)}; {hint}", item.place)
+        if item.text in found:
+            raise PatchError(f"record names {quoted(item.text)} twice; name it once", item.place)
         found[item.text] = None
     return tuple(found)
 

@@ -53,7 +53,12 @@ def _refuse_mixed_frequency(text: str, parameter: Parameter, given: str, place: 
 
 def parse_duration(text: str, what: str) -> Value:
     """A time greater than zero, such as "20 s", given outside a patch; `what` names it in messages."""
+    try:
+        if text.strip() and not is_constant(parse(text.strip())):
+            raise ExpressionError("names are not known here; give a time, such as 20 s")
+    except ExpressionError as error:
+        raise PatchError(f"{what} is {quoted(text)}: {error}") from None
     value, dimension = value_of(Text(text.strip(), Place()), what, {})
     if not fits(text, dimension, TIME):
         raise PatchError(f"{what} is {quoted(text)}; it must be a time, such as 20 s")
-    return replace(value, positive=True)
+    return replace(value, positive=True, unit=str(TIME))

@@ -32,6 +32,10 @@ def read_patch(source: str | os.PathLike[str]) -> Patch:
         raise PatchError(
             f"{shown(source)} is no patch; give a patch file or the name of a patch that ships"
         )
+    if not os.fspath(source).strip():
+        raise PatchError(
+            "the name of the patch is empty; give a patch file or the name of a patch that ships"
+        )
     path = find_patch(os.fspath(source))
     # A name that is no text, as old file systems allow, cannot be printed or recorded.
     name = str(path).encode("utf-8", "replace").decode("utf-8")
