@@ -18,6 +18,7 @@ from typing import TYPE_CHECKING
 from hybrid import interrupts
 from hybrid.errors import HybridError, RunError
 from hybrid.options import (
+    output_name,
     parser,
     patch_and_parameters,
     sweep_file,
@@ -98,7 +99,7 @@ def _run(options: argparse.Namespace, filing: Filing) -> int:
 
     machine = machine_of(patch, parameters, options.machine, options.serial)
     check_run(machine, options.seed)
-    stem = Path(options.out) / Path(patch.file).stem
+    stem = Path(output_name(options.out)) / Path(patch.file).stem
     writable(*(stem.with_name(stem.name + suffix) for suffix in (".nc", ".png")))
     prediction = _prediction(machine)
     say_if_compiling()

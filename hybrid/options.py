@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 import argparse
+import re
 from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NoReturn
 
-from hybrid.errors import RunError
+from hybrid.errors import RunError, quoted
 from hybrid.version import __version__
 
 if TYPE_CHECKING:
@@ -15,10 +16,40 @@ if TYPE_CHECKING:
 
 
 class _Parser(argparse.ArgumentParser):
-    """Complaints in one line."""
+    """Complaints in one line; options in full, so that a slip of the pen is none of them."""
+
+    def __init__(self, **settings: Any) -> None:
+        super().__init__(allow_abbrev=False, **settings)
 
     def error(self, message: str) -> NoReturn:
+        option, _, rest = message.removeprefix("argument ").partition(": ")
+        if rest == "expected one argument" and option.startswith("--"):
+            raise RunError(
+                f"{option} needs a value; one that begins with - is written {option}=-..."
+            )
         raise RunError(f"{message}; see {self.prog} --help")
+
+
+class _Once(argparse.Action):
+    """An option that must not be given twice."""
+
+    def __call__(
+        self,
+        parser: argparse.ArgumentParser,
+        namespace: argparse.Namespace,
+        values: Any,
+        option_string: str | None = None,
+    ) -> None:
+        if getattr(namespace, self.dest) is not None:
+            parser.error(f"{option_string} is given twice; sweep one range at a time")
+        setattr(namespace, self.dest, values)
+
+
+def _whole(text: str) -> int:
+    """A whole number in plain digits; int() takes more, such as 1_0."""
+    if not re.fullmatch(r"[+-]?[0-9]{1,1000}", text, re.ASCII):
+        raise argparse.ArgumentTypeError(f"{quoted(text)} is no whole number")
+    return int(text)
 
 
 def parser() -> argparse.ArgumentParser:
@@ -44,7 +75,7 @@ def _verb(verbs: Any, name: str, doc: str) -> argparse.ArgumentParser:
     made: argparse.ArgumentParser = verbs.add_parser(name, help=doc, description=doc)
     _patch(made)
     made.add_argument("--machine", metavar="PRESET", help="ideal, lags or nominal")
-    made.add_argument("--serial", type=int, metavar="N", help="serial number of the machine")
+    made.add_argument("--serial", type=_whole, metavar="N", help="serial number of the machine")
     return made
 
 
@@ -67,7 +98,7 @@ def _draw(made: argparse.ArgumentParser) -> None:
 
 def _seed(made: argparse.ArgumentParser) -> None:
     made.add_argument(
-        "--seed", type=int, default=0, metavar="N", help="seed of the noise (default 0)"
+        "--seed", type=_whole, default=0, metavar="N", help="seed of the noise (default 0)"
     )
 
 
@@ -95,10 +126,16 @@ def _predict(made: argparse.ArgumentParser) -> None:
 
 def _sweep(made: argparse.ArgumentParser) -> None:
     made.add_argument(
-        "--over", required=True, metavar="NAME=START:STOP:COUNT[:log]", help="the range"
+        "--over",
+        action=_Once,
+        required=True,
+        metavar="NAME=START:STOP:COUNT[:log]",
+        help="the range, evenly spaced (or :lin) or in the logarithm (:log)",
     )
     _seed(made)
-    made.add_argument("--jobs", type=int, metavar="N", help="worker processes (default: all cores)")
+    made.add_argument(
+        "--jobs", type=_whole, metavar="N", help="worker processes (default: all cores)"
+    )
     made.add_argument("--out", metavar="FILE", help="NetCDF file; the chart goes beside it")
     made.add_argument("--no-chart", action="store_true", help="write the data only")
 
@@ -115,7 +152,7 @@ def patch_and_parameters(options: argparse.Namespace) -> tuple[Patch, dict[str, 
     texts: dict[str, float | str] = {}
     for entry in options.set:
         name, equals, text = (part.strip() for part in entry.partition("="))
-        if not equals or not text:
+        if not (name and equals and text):
             raise RunError(f"--set {entry!r} must be NAME=VALUE, such as --set cycle='2 ms'")
         if name in texts:
             raise RunError(f"--set {name} is given twice")
@@ -140,9 +177,17 @@ def swept_range(over: str) -> tuple[str, str]:
     return name, text
 
 
+def output_name(out: str) -> str:
+    """What --out names; the empty text is no place, least of all the folder one is in."""
+    if not out.strip():
+        raise RunError("--out is empty; name a folder of a run, or a file of a sweep")
+    return out
+
+
 def sweep_file(options: argparse.Namespace, patch: Patch, name: str) -> Path:
     """Where the data of a sweep go."""
-    out = Path(options.out or f"out/{Path(patch.file).stem}_over_{name}.nc")
+    default = f"out/{Path(patch.file).stem}_over_{name}.nc"
+    out = Path(default if options.out is None else output_name(options.out))
     if out.suffix != ".nc":
         raise RunError(f"--out {out} must be a NetCDF file, ending in .nc")
     return out
