@@ -17,6 +17,10 @@ from hybrid.interrupts import deaf_children
 if TYPE_CHECKING:
     from hybrid.record import Parts
 
+# How long the process has to end before it is made to. It may not hear: SIGTERM may be ignored since
+# before the command was started.
+PATIENCE_S = 2.0
+
 
 class Filing:
     """Start it before the run; `write` what the run gave. A context: at its end the process ends."""
@@ -38,8 +42,11 @@ class Filing:
     def __exit__(self, *_: object) -> None:
         """Nothing more to write: a run that could not begin must not leave it loading."""
         self.line.close()
-        self.process.terminate()
-        self.process.join()
+        for end in (self.process.terminate, self.process.kill):
+            end()
+            self.process.join(PATIENCE_S)
+            if not self.process.is_alive():
+                return
 
     def write(
         self,

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import math
+import signal
+import time
 from pathlib import Path
 
 import numpy as np
@@ -10,7 +12,7 @@ import pytest
 import xarray as xr
 
 from hybrid.errors import RunError
-from hybrid.filing import Filing, write_files
+from hybrid.filing import PATIENCE_S, Filing, write_files
 from hybrid.patchfile import parse_patch
 from hybrid.record import PlainRecord
 from hybrid.runs import Run, run
@@ -55,6 +57,20 @@ def test_a_killed_process_loses_nothing(result: Run, tmp_path: Path) -> None:
         files = filing.write(result.parts(), result.readouts, None, tmp_path / "decay")
     with xr.open_dataset(files[0]) as stored:
         same(stored.load(), result)
+
+
+@pytest.mark.parametrize("heard", [True, False], ids=["heard", "deaf to SIGTERM"])
+def test_leaving_at_once_never_waits(heard: bool) -> None:
+    before = signal.signal(signal.SIGTERM, signal.SIG_DFL if heard else signal.SIG_IGN)
+    try:
+        for wait_s in [0.0, 0.01, 0.03, 0.1] * (5 if heard else 1):
+            with Filing(chart=True) as filing:
+                time.sleep(wait_s)  # at every stage of its loading
+                began = time.monotonic()
+            assert time.monotonic() - began < 2.0 * PATIENCE_S + 1.0
+            assert not filing.process.is_alive()
+    finally:
+        signal.signal(signal.SIGTERM, before)
 
 
 def test_what_cannot_be_written_is_said(result: Run, tmp_path: Path) -> None:
