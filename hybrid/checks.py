@@ -17,9 +17,11 @@ from hybrid.errors import counted
 from hybrid.graph import simple_loops
 from hybrid.linearity import NotLinear
 from hybrid.machine import Machine
+from hybrid.patch import Value
 from hybrid.prediction import Case, closed_form_case, signal_graph
 from hybrid.record import full_scales, machine_facts, signal_units
-from hybrid.runs import check_windows
+from hybrid.runs import check_windows, thinning, thinning_text
+from hybrid.scale import to_seconds, to_ticks
 from hybrid.timeline import build_timeline
 
 if TYPE_CHECKING:
@@ -86,7 +88,8 @@ class Loop:
 
 @dataclass(frozen=True, eq=False)
 class Check:
-    """The findings: scaling and static check, potentiometers, converters, loops, prediction."""
+    """The findings: scaling and static check, potentiometers, converters, loops, prediction, and what
+    is valid but hardly meant (`warnings`)."""
 
     machine: Machine
     scaling: tuple[ScaleRow, ...]
@@ -95,6 +98,7 @@ class Check:
     loops: tuple[Loop, ...]
     prediction: str
     events: str
+    warnings: tuple[str, ...] = ()
 
     def to_dict(self) -> dict[str, Any]:
         """Everything as plain data."""
@@ -106,6 +110,7 @@ class Check:
             "loops": [asdict(loop) for loop in self.loops],
             "prediction": self.prediction,
             "events": self.events,
+            "warnings": list(self.warnings),
         }
 
     def to_pandas(self) -> pd.DataFrame:
@@ -126,6 +131,7 @@ class Check:
         ]
         lines += [f"  {row.converter} ({row.kind}): {row.remark}" for row in self.converters]
         lines += [f"  loop: {' -> '.join(loop.path)}" for loop in self.loops]
+        lines += [f"  warning: {warning}" for warning in self.warnings]
         return "\n".join([*lines, f"  prediction: {self.prediction}"])
 
 
@@ -145,6 +151,7 @@ def check(
     check_windows(compiled)
     timeline = build_timeline(compiled)
     events = f"{counted(timeline.cycles, 'cycle')}, {counted(timeline.rows, 'row')} of the record"
+    thinned = thinning_text(thinning(compiled, timeline.rows))
     return Check(
         compiled,
         _scaling(compiled),
@@ -152,8 +159,36 @@ def check(
         _converters(compiled),
         _loops(compiled),
         _which_prediction(compiled),
-        events,
+        f"{events}, {thinned}" if thinned else events,
+        _warnings(compiled),
     )
+
+
+def _warnings(machine: Machine) -> tuple[str, ...]:
+    """What is valid but hardly meant: a run or a window of which little or nothing is left."""
+    timing, scope, patch = machine.timing, machine.parameters, machine.patch
+    until_s = to_seconds(timing.until)
+    found = []
+
+    def warn(value: Value, what: str) -> None:
+        found.append(f"{value.place}: {what}" if str(value.place) else what)
+
+    if timing.until < timing.period:
+        what = f"the run of {until_s:g} s is shorter than one cycle of {machine.cycle_s:g} s"
+        warn(patch.run.until, what)
+    if patch.run.every and timing.every > timing.until:
+        every_s = to_seconds(timing.every)
+        what = (
+            f"every is {every_s:g} s, longer than the run of {until_s:g} s: the record has one row"
+        )
+        warn(patch.run.every, what)
+    for readout in patch.readouts:
+        for edge, told in ((readout.start, "no row is read"), (readout.end, "it is read to there")):
+            if edge and to_ticks(edge.number(scope)) > timing.until:
+                what = f"{edge.what} is {edge.number(scope):g} s, after the end of the run"
+                warn(edge, f"{what} at {until_s:g} s: {told}")
+                break
+    return tuple(found)
 
 
 def _scaling(machine: Machine) -> tuple[ScaleRow, ...]:

@@ -126,12 +126,10 @@ def run(
     compiled = machine_of(patch, parameters, machine, serial)
     check_windows(compiled)
     timeline = build_timeline(compiled)
-    most = compiled.patch.run.max_rows
-    keep_every = -(-timeline.rows // most)
+    keep_every = thinning(compiled, timeline.rows)
     pens = pens_for(compiled, readouts_only)
     player = _player_of(compiled)(compiled, timeline, pens, seed, keep_every)
     status, note = _play(player, progress)
-    rows_note = f"every {_ordinal(keep_every)} row kept" if keep_every > 1 else ""
     every_s = to_seconds(compiled.timing.every * keep_every)
     period = compiled.timing.period
     result = Run(
@@ -140,7 +138,7 @@ def run(
         player.done_ticks // period if period else 0,
         status,
         note,
-        rows_note,
+        thinning_text(keep_every),
         pens,
         row_times_s(len(player.record), compiled.timing.every * keep_every),
         player.record,
@@ -163,6 +161,16 @@ def _player_of(machine: Machine) -> type[Player]:
     from hybrid.engine.windows import CircuitPlayer  # takes long to load
 
     return CircuitPlayer
+
+
+def thinning(machine: Machine, rows: int) -> int:
+    """Every how many of the rows one is kept, so that they are no more than max_rows."""
+    return -(-rows // machine.patch.run.max_rows)
+
+
+def thinning_text(keep_every: int) -> str:
+    """The same in words; '' where all are kept."""
+    return f"every {_ordinal(keep_every)} row kept" if keep_every > 1 else ""
 
 
 def check_seed(seed: int) -> int:

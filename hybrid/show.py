@@ -300,6 +300,8 @@ def show_check(console: Console, check: Check) -> None:
     machine = check.machine
     console.print(f"[bold]{escape(machine.patch.title)}[/] on machine {machine.preset}: valid")
     console.print(check.events)
+    for warning in check.warnings:
+        console.print(f"warning: {warning}", style="yellow", markup=False)
     rows = [
         (
             r.signal,

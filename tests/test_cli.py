@@ -78,7 +78,15 @@ OVERLOAD = {"signal", "time_s", "value", "worst_value", "worst_time_s", "instant
 OVERLOAD |= {"full_scale", "duration_s"}
 SWEEP = (ABOUT - {"cycle_s"}) | {"over", "seed", "status", "points", "files"}
 POINT = {"value", "readouts", "modes", "status", "note", "overloads", "seed"}
-CHECK = ABOUT | {"scaling", "potentiometers", "converters", "loops", "prediction", "events"}
+CHECK = ABOUT | {
+    "scaling",
+    "potentiometers",
+    "converters",
+    "loops",
+    "prediction",
+    "events",
+    "warnings",
+}
 ROWS = {
     "scaling": {"signal", "kind", "full_scale", "units", "value", "value_mu", "rate_mu"},
     "potentiometers": {"component", "input", "coefficient_mu", "setting", "gain", "inverted"},

@@ -111,6 +111,33 @@ def test_what_is_counted_as_modes_and_how_potentiometers_are_set() -> None:
     assert "(1 mode: 1 oscillating pair)" in pitch.prediction
 
 
+def test_check_warns_of_what_is_hardly_meant() -> None:
+    text = OVERDAMPED.replace("until: 1 ms", "from: 6 s, until: 7 s")
+    checked = hybrid.check(hybrid.parse_patch(text, "slow.yaml"))
+    assert checked.warnings == (
+        "slow.yaml:10: from of readout 'first' is 6 s, after the end of the run at 5 s: "
+        "no row is read",
+    )
+    assert any(
+        line.startswith("warning: slow.yaml:10: from") for line in printed(show_check, checked)
+    )
+    text = OVERDAMPED.replace("until: 1 ms", "until: 7 s")
+    assert hybrid.check(hybrid.parse_patch(text)).warnings[0].endswith("5 s: it is read to there")
+    rare = hybrid.check(hybrid.parse_patch(OVERDAMPED.replace("every: 10 ms", "every: 6 s")))
+    assert [w.split(": ", 1)[1] for w in rare.warnings] == [
+        "every is 6 s, longer than the run of 5 s: the record has one row"
+    ]
+    slow = hybrid.check("pitch_loop", {"cycle": "20 s"})
+    assert [w.split(": ", 1)[1] for w in slow.warnings] == [
+        "the run of 10 s is shorter than one cycle of 20 s"
+    ]
+    assert hybrid.check("pitch_loop").warnings == ()
+    few = OVERDAMPED.replace("every: 10 ms", "every: 10 ms, max_rows: 200")
+    assert hybrid.check(hybrid.parse_patch(few)).events.endswith(
+        "501 rows of the record, every 3rd row kept"
+    )
+
+
 def test_scalar_readouts_show_their_unit(patches) -> None:
     text = patches[0].text.replace("pitch_mode: {transient: theta}", "top: {maximum: theta_dot}")
     result = hybrid.run(hybrid.parse_patch(text))
