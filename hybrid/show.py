@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import itertools
 import math
 from collections.abc import Iterable, Mapping, Sequence
 from typing import Any
@@ -11,6 +10,7 @@ from rich.console import Console
 from rich.markup import escape
 from rich.table import Table
 
+from hybrid.beside import mode_beside
 from hybrid.checks import Check
 from hybrid.errors import counted
 from hybrid.prediction import Prediction
@@ -104,7 +104,7 @@ def _show_readout(
     if quantities.get("reason"):
         console.print(f"[bold]{escape(name)}[/]: {escape(str(quantities['reason']))}")
     elif "zeta" in quantities:
-        mode = nearest_mode(quantities, [*modes, *_real_pairs(quantities, modes)])
+        mode = mode_beside(quantities, modes)
         closed = (mode or {}).get("closed_form")
         columns = [name, "measured", "+-", "exact", "ideal"]
         if closed:
@@ -134,72 +134,9 @@ def _show_readout(
         console.print(escape(str(quantities["note"])), style="yellow")
 
 
-def _real_pairs(
-    measured: Mapping[str, Any], modes: Sequence[Mapping[str, Any]]
-) -> list[dict[str, Any]]:
-    """Every two real poles as the one mode that a transient of both is measured as.
-
-    Beside an overdamped measurement only: it has omega and zeta of two poles together, the prediction
-    lists each of them alone.
-    """
-    if not measured.get("omega") or measured["omega_damped"] > 0:
-        return []
-    real = [m for m in modes if m["omega"] > 0 and m["omega_damped"] == 0]
-    pairs = []
-    for one, other in itertools.combinations(real, 2):
-        made = _as_one(one["zeta"] * one["omega"], other["zeta"] * other["omega"])
-        if made is None:
-            continue
-        ideals = [m["zeta_ideal"] * m["omega_ideal"] for m in (one, other) if _is_real_ideal(m)]
-        ideal = _as_one(*ideals) if len(ideals) == 2 else None
-        pairs.append(
-            {
-                "omega": made[0],
-                "omega_damped": 0.0,
-                "zeta": made[1],
-                "omega_ideal": ideal[0] if ideal else None,
-                "zeta_ideal": ideal[1] if ideal else None,
-                "closed_form": None,
-                "poles": [m["zeta"] * m["omega"] for m in (one, other)],
-                "ideal_poles": ideals,
-            }
-        )
-    return pairs
-
-
-def _is_real_ideal(mode: Mapping[str, Any]) -> bool:
-    """Whether the ideal of a mode is a real pole too; |zeta| of one is 1 but for rounding."""
-    zeta = mode["zeta_ideal"]
-    return zeta is not None and abs(abs(zeta) - 1.0) < 1e-12
-
-
-def _as_one(p: float, q: float) -> tuple[float, float] | None:
-    """omega and zeta of two real poles that decay at the rates p and q; None where one grows alone."""
-    if p * q <= 0:
-        return None
-    omega = math.sqrt(abs(p)) * math.sqrt(abs(q))
-    return omega, 0.5 * (p / omega + q / omega)
-
-
 def _poles_text(rates: Sequence[float]) -> str:
     first, second = (figure(-rate, 7) for rate in sorted(rates, key=abs))
     return f"the real poles s = {first} and {second} 1/s as one mode"
-
-
-def nearest_mode(
-    measured: Mapping[str, Any], modes: Sequence[Mapping[str, Any]]
-) -> Mapping[str, Any] | None:
-    """The predicted mode that a measured one is, by its place in the plane."""
-    if measured.get("omega") is None:
-        return None
-    oscillating = [m for m in modes if m["omega"] > 0]
-
-    def distance(mode: Mapping[str, Any]) -> float:
-        along = mode["zeta"] * mode["omega"] - measured["zeta"] * measured["omega"]
-        across = mode["omega_damped"] - measured["omega_damped"]
-        return math.hypot(along, across)
-
-    return min(oscillating, key=distance, default=None)
 
 
 def _show_overloads(console: Console, overloads: Sequence[Mapping[str, Any]]) -> None:

@@ -13,7 +13,7 @@ from matplotlib.figure import Figure
 from matplotlib.image import imread
 
 from hybrid.charts import coupling_chart, save, strip_chart
-from hybrid.charts.strip import MAX_LANES, lane_limits
+from hybrid.charts.strip import MAX_LANES, _table_rows, lane_limits
 from hybrid.charts.style import broken, duration, envelope, number, round_up, unit_text
 from hybrid.errors import RunError
 
@@ -519,3 +519,18 @@ class TestCouplingChart:
             coupling_chart(make_sweep().expand_dims(gain=[1.0, 2.0]))
         with pytest.raises(ValueError, match="needs numbers"):
             coupling_chart(make_sweep().assign_coords(cycle=list("abcde")))
+
+
+def test_an_overdamped_measurement_has_both_poles_in_the_table():
+    modes = [
+        {"omega": p, "omega_damped": 0.0, "zeta": 1.0, "omega_ideal": p, "zeta_ideal": 1.0}
+        for p in (1.0, 4.0)
+    ]
+    measured = {"omega": 2.0, "omega_damped": 0.0, "zeta": 1.25}
+    names = [row.label for row in _table_rows({"x": measured, "y": measured}, modes)]
+    assert names[-2:] == ["exact, real poles as one", "ideal, real poles as one"]
+    assert names.count("exact, real poles as one") == 1
+    row = next(r for r in _table_rows({"x": measured}, modes) if r.label == names[-2])
+    assert (row.cells["omega"][0], row.cells["zeta"][0]) == (2.0, 1.25)
+    alone = _table_rows({"x": {**measured, "omega_damped": 1.0}}, modes)
+    assert not any("as one" in row.label for row in alone)

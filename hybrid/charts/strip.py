@@ -17,6 +17,7 @@ import numpy as np
 from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
 
+from hybrid.beside import mode_beside
 from hybrid.charts import style
 from hybrid.charts.style import LINE_IN, MARGIN_IN, TableRow, number, save, write
 from hybrid.errors import RunError, did_you_mean
@@ -216,9 +217,28 @@ def _table_rows(
         ideal = _cells({"omega": mode.get("omega_ideal"), "zeta": mode.get("zeta_ideal")})
         if any(math.isfinite(value) for value, _ in ideal.values()):
             rows.append(TableRow(f"ideal{suffix}", ideal, color=style.MUTED))
+    rows += _pair_rows(readouts, prediction)
     if len(rows) > MAX_TABLE_ROWS:
         left_out = len(rows) - MAX_TABLE_ROWS + 1
         rows = [*rows[: MAX_TABLE_ROWS - 1], TableRow(f"and {left_out} more lines")]
+    return rows
+
+
+def _pair_rows(
+    readouts: Mapping[str, Mapping[str, Any]], prediction: Sequence[Mapping[str, Any]]
+) -> list[TableRow]:
+    """Return the real poles that an overdamped measurement has as one mode."""
+    rows: list[TableRow] = []
+    for measured in readouts.values():
+        overdamped = measured.get("omega") and measured.get("omega_damped") == 0
+        mode = mode_beside(measured, prediction) if overdamped else None
+        if mode is None or not mode.get("poles"):
+            continue
+        made = [TableRow("exact, real poles as one", _cells(mode))]
+        if mode["omega_ideal"] is not None:
+            ideal = _cells({"omega": mode["omega_ideal"], "zeta": mode["zeta_ideal"]})
+            made.append(TableRow("ideal, real poles as one", ideal, color=style.MUTED))
+        rows += [row for row in made if row not in rows]
     return rows
 
 
