@@ -74,8 +74,11 @@ def measure_transient(values: ArrayLike, interval_s: float, *, start_s: float = 
     values: (rows,), sampled every `interval_s`; rows earlier than `start_s` after the first are
     left out. A mode, growing or decaying, and a constant are fitted by least squares (see
     `hybrid._modal_fit`). Rows at either end that never change are left out, and so are first rows
-    that hold a faster mode besides. The errors assume independent errors of equal size in the rows;
-    where the residuals are correlated, the errors are enlarged to match.
+    that hold a faster mode besides. The errors allow for noise that kicks the mode itself and
+    cannot be told from noise of the rows (see `hybrid._modal_drift`), so they are too large, by 1.8 on
+    the average, for an undamped mode whose rows alone are noisy. Where that noise cannot be judged, the
+    errors in the rows are taken for independent and equal in size; where the residuals are correlated,
+    the errors are enlarged to match.
 
     Raises ValueError if `values` is not one-dimensional, or the times are not finite, or negative,
     or the interval is zero. A record without an answer raises nothing: see `Transient.reason`.

@@ -40,8 +40,8 @@ def test_stated_error_matches_the_scatter(zeta: float, noise: float) -> None:
         errors = np.array([getattr(f, quantity + "_error") for f in found])
         scatter = values.std(ddof=1)
         assert abs(values.mean() - truth) < 4.0 * scatter / np.sqrt(RUNS)
-        # The strength of a walk comes from about 14 segments: 20 % of its error, run by run; the
-        # mean square over the runs is good to 10 %, the scatter itself to 6 %.
+        # The strength of a walk comes from some forty numbers: 11 % of its error, run by run; the
+        # scatter itself is good to 6 %.
         assert np.sqrt(np.mean(errors**2)) == pytest.approx(scatter, rel=0.35)
 
 
