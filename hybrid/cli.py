@@ -102,7 +102,7 @@ def _run(options: argparse.Namespace, filing: Filing) -> int:
     stem = Path(output_name(options.out)) / Path(patch.file).stem
     writable(*(stem.with_name(stem.name + suffix) for suffix in (".nc", ".png")))
     prediction = _prediction(machine)
-    say_if_compiling()
+    say_if_compiling(machine)
     interrupts.hear()
     with Progress("running") as progress:
         result = run(machine, seed=options.seed, progress=progress)
@@ -186,9 +186,11 @@ def sweep_command(options: argparse.Namespace) -> int:
     name, text = swept_range(options.over)
     values, out = values_of(patch, name, text), sweep_file(options, patch, name)
     # Whatever would stop every point, or either end, is said before a folder is made.
-    check_sweep(patch, name, values, parameters, options.machine, options.serial, options.jobs)
+    first = check_sweep(
+        patch, name, values, parameters, options.machine, options.serial, options.jobs
+    )
     writable(out, out.with_suffix(".png"))
-    say_if_compiling()
+    say_if_compiling(first)
     interrupts.hear()
     with Progress("sweeping") as progress:
         result = sweep(

@@ -260,7 +260,7 @@ def _errors(mode: Mode) -> Errors:
     return (
         omega_error + EPS * omega,
         zeta_error + EPS * max(1.0, abs(sigma) / omega),
-        square_error / (above + damped) if square > 0.0 else above,
+        (square_error / (above + damped) + EPS * omega) if square > 0.0 else above,
     )
 
 

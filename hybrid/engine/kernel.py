@@ -7,6 +7,7 @@ index which propagator leads to it.
 
 from __future__ import annotations
 
+import contextlib
 import math
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -373,10 +374,11 @@ def play(
     return outcome
 
 
-def is_compiled() -> bool:
+def is_compiled(function: Any = None) -> bool:
     """Whether a kernel on disk is of this source, Python, numba and processor: numba loads no other."""
     try:
-        cache, codegen = play._cache, play.targetctx.codegen()
+        asked = function or play
+        cache, codegen = asked._cache, asked.targetctx.codegen()
         index = cache._cache_file._load_index()
         folder = Path(cache.cache_path)
         return any(
@@ -385,3 +387,20 @@ def is_compiled() -> bool:
         )
     except AttributeError:  # another numba, or one told not to compile: better silent than wrong
         return True
+
+
+def forget_stale_kernels() -> None:
+    """Remove compiled functions that are older than the newest source they may be made of.
+
+    numba looks at the module of a function only, and would go on with what it called in another one.
+    """
+    here = Path(__file__).parent
+    sources = [*here.glob("*.py"), here.parent / "tape.py", here.parent / "elements.py"]
+    newest = max(source.stat().st_mtime for source in sources)
+    with contextlib.suppress(AttributeError, OSError):
+        for index in Path(play._cache.cache_path).glob("*.nbi"):
+            if index.stat().st_mtime < newest:
+                index.unlink(missing_ok=True)
+
+
+forget_stale_kernels()
