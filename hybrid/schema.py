@@ -152,7 +152,7 @@ def _holds(key: Key) -> dict[str, Any]:
             "type": "array",
             "items": items,
             "minItems": 1,
-            "uniqueItems": True,
+            "uniqueItems": key.name == "record",
             "examples": [["theta"]],
         }
     made = {"type": "string", "minLength": 1}
