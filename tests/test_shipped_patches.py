@@ -87,7 +87,7 @@ def test_every_signal_uses_its_full_scale_and_no_more(name, machine):
     idle = ("still",)  # a reference of zero
     for signal in played.names:
         largest = np.max(np.abs(played.mu(signal)))
-        assert largest <= 1.0, signal
+        assert largest <= 1.0 + 1e-12, signal  # a lag that settles there may be above by rounding
         assert largest >= 0.1 or signal in idle, signal
 
 
