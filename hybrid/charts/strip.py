@@ -252,7 +252,11 @@ def _readout_rows(name: str, measured: Mapping[str, Any]) -> list[TableRow]:
         return [row, *(TableRow("", note=remark) for remark in remarks)]
     if not told:
         numbers = {key: value for key, value in measured.items() if isinstance(value, int | float)}
-        told = [f"{key} {number(float(value), 6)}" for key, value in numbers.items()]
+        units = {"value": style.unit_text(str(measured.get("units", ""))), "time_s": "s"}
+        told = [
+            f"{key.removesuffix('_s')} {number(float(value), 6)} {units.get(key, '')}".rstrip()
+            for key, value in numbers.items()
+        ]
     lines = textwrap.wrap(",  ".join(told), 120) or ["none"]
     return [replace(row, note=lines[0]), *(TableRow("", note=line) for line in lines[1:])]
 
