@@ -12,7 +12,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from hybrid.errors import HybridError
-from hybrid.interrupts import deaf_children
+from hybrid.interrupts import held_back
 
 if TYPE_CHECKING:
     from hybrid.record import Parts
@@ -32,7 +32,7 @@ class Filing:
         self.line, far_end = processes.Pipe()
         # A daemon: whatever happens, it is gone with the main process and nobody waits for it.
         self.process = processes.Process(target=_serve, args=(far_end, chart), daemon=True)
-        with deaf_children():
+        with held_back():
             self.process.start()
         far_end.close()
 
