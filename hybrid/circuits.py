@@ -47,6 +47,12 @@ def _laid_out(
 class _CircuitLayout(AnalogLayout):
     """Elements by name; an element of a linear kind comes from its core."""
 
+    def __init__(
+        self, patch: Patch, scope: Mapping[str, float], stages: Mapping[str, OutputStage]
+    ) -> None:
+        self.given: dict[str, Given] = {}
+        super().__init__(patch, scope, stages)
+
     def _core(self, component: Component, scope: Mapping[str, float]) -> Core:
         """A core where the kind has one; of the others what they are given is kept."""
         kind = CATALOG[component.kind]
@@ -54,7 +60,7 @@ class _CircuitLayout(AnalogLayout):
         complaint = kind.unsuitable(given)
         if complaint:
             raise PatchError(f"component {component.name!r} {complaint}", component.place)
-        self.given = {**getattr(self, "given", {}), component.name: given}
+        self.given[component.name] = given
         return super()._core(component, scope) if kind.is_linear else Core()
 
     def build_circuit(self) -> tuple[Analog, tuple[StepEvent, ...], Elements]:
@@ -62,10 +68,6 @@ class _CircuitLayout(AnalogLayout):
         self.reject_lagless_loops()
         step_names = [name for name, core in self.cores.items() if core.step]
         inputs = (ONE, *self.dacs, *step_names)
-        u0 = np.zeros(len(inputs))
-        u0[0] = 1.0
-        for i, name in enumerate(self.dacs):
-            u0[1 + i] = self.held_mu[name]
         none, count = np.zeros((0, 0)), len(self.signals)
         analog = Analog(
             self.signals,
@@ -76,7 +78,7 @@ class _CircuitLayout(AnalogLayout):
             none,
             np.zeros((count, len(inputs))),
             np.zeros(0),
-            u0,
+            self.first_inputs(len(inputs)),
             np.array([self.scale[s] for s in self.signals]),
             np.full(count, math.nan),
             (),
@@ -122,14 +124,7 @@ class _CircuitLayout(AnalogLayout):
         if core.initial is None:  # a lag that begins settled
             time_s = -1.0 / core.feedback
             settled = {signal: gain * time_s for signal, gain in first.items()}
-            lag = Element(
-                SUM,
-                settled,
-                gain=stage.gain,
-                offset=stage.offset,
-                lag_s=time_s,
-                saturation=stage.saturation,
-            )
+            lag = _with_errors(Element(SUM, settled), replace(stage, tau=time_s))
             if stage.tau == 0.0:
                 yield name, lag
                 return
@@ -166,19 +161,14 @@ class _CircuitLayout(AnalogLayout):
         inner = kind.inner(given)
         if inner:
             yield hidden, inner
-        yield (
-            name,
-            replace(
-                made,
-                first=self._in_si(made.first, hidden),
-                second=self._in_si(made.second, hidden),
-                initial=made.initial / full_scale,
-                gain=self.checked(name, made.gain / full_scale) * stage.gain,
-                offset=stage.offset,
-                saturation=stage.saturation,
-                lag_s=stage.tau,
-            ),
+        scaled = replace(
+            made,
+            first=self._in_si(made.first, hidden),
+            second=self._in_si(made.second, hidden),
+            initial=made.initial / full_scale,
+            gain=self.checked(name, made.gain / full_scale),
         )
+        yield name, _with_errors(scaled, stage)
 
     def _scaled(self, gains: Mapping[str, float], name: str) -> dict[str, float]:
         """Gains in machine units."""

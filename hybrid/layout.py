@@ -127,10 +127,6 @@ class AnalogLayout:
             self._add_rates(name, c, rates, noise)
         static = self._static_values()
         x0 = np.array([self._initial(s, static) for s in states])
-        u0 = np.zeros(len(inputs))
-        u0[0] = 1.0
-        for i, name in enumerate(self.dacs):
-            u0[1 + i] = self.held_mu[name]
         noisy = noise[:, np.any(noise != 0.0, axis=0)]
         analog = Analog(
             self.signals,
@@ -141,7 +137,7 @@ class AnalogLayout:
             noisy,
             np.array([c[s] for s in self.signals]).reshape(len(self.signals), len(self.column)),
             x0,
-            u0,
+            self.first_inputs(len(inputs)),
             np.array([self.scale[s] for s in self.signals]),
             np.array([static[s] for s in self.signals]),
             tuple(i for i, s in enumerate(states) if s.endswith((":sin", ":cos"))),
@@ -171,6 +167,13 @@ class AnalogLayout:
                 "give one of them a tau above 0, or an integrator in between",
                 self.components[loop[0]].place,
             )
+
+    def first_inputs(self, count: int) -> Floats:
+        """The held inputs at t = 0: the constant 1, the DACs, the step sources."""
+        u0 = np.zeros(count)
+        u0[0] = 1.0
+        u0[1 : 1 + len(self.dacs)] = [self.held_mu[name] for name in self.dacs]
+        return u0
 
     def inputs_of(self, name: str) -> list[str]:
         """Signals that a component reads at the same instant."""

@@ -16,10 +16,10 @@ from hybrid.language import Bound, Holds, Key, Unit
 from hybrid.units import Dimension
 
 GAIN = Key("gain", Holds.QUANTITY, "factor of the result", Unit.ANY, default="1")
-LOW = Key("low", Holds.QUANTITY, "lower limit", Unit.OWN, required=True)
 CONTROL = Key(
     "control", Holds.SIGNAL, "a comparator, or a DAC (high above half scale)", required=True
 )
+LOW = Key("low", Holds.QUANTITY, "lower limit", Unit.OWN, required=True)
 HIGH = Key("high", Holds.QUANTITY, "upper limit", Unit.OWN, required=True)
 
 
@@ -30,10 +30,6 @@ class Nonlinear(Kind):
     symbol = "function"
     inputs = 1
 
-    def element(self, given: Given) -> Element:
-        """The element, in SI units."""
-        raise NotImplementedError
-
 
 class Multiply(Nonlinear):
     """The product of two signals."""
@@ -42,29 +38,25 @@ class Multiply(Nonlinear):
     doc = "product of two signals"
     main = Key("multiply", Holds.SIGNALS, "the two signals", required=True)
     keys = (GAIN,)
+    operation = elements.PRODUCT
 
     def element(self, given: Given) -> Element:
-        """w = gain * a * b."""
+        """w = gain * a * b, or gain * a / b."""
         a, b = given.signals
-        return Element(elements.PRODUCT, {a: given.values.get("gain", 1.0)}, second={b: 1.0})
+        return Element(self.operation, {a: given.values.get("gain", 1.0)}, second={b: 1.0})
 
     def result(self, inputs: tuple[Dimension, ...]) -> Dimension:
         """Dimension of the product."""
         return inputs[0] * inputs[1]
 
 
-class Divide(Nonlinear):
+class Divide(Multiply):
     """One signal divided by another."""
 
-    key, symbol, inputs = "divide", "divider", 2
+    key, symbol = "divide", "divider"
     doc = "the first signal divided by the second"
     main = Key("divide", Holds.SIGNALS, "numerator and denominator", required=True)
-    keys = (GAIN,)
-
-    def element(self, given: Given) -> Element:
-        """w = gain * a / b."""
-        a, b = given.signals
-        return Element(elements.QUOTIENT, {a: given.values.get("gain", 1.0)}, second={b: 1.0})
+    operation = elements.QUOTIENT
 
     def result(self, inputs: tuple[Dimension, ...]) -> Dimension:
         """Dimension of the quotient."""
