@@ -42,7 +42,7 @@ class Side(NamedTuple):
     no_pen: WindowPen
     place: Ints  # (signals,): element of each signal
     held: Ints  # (inputs of the circuit,): which of the machine's held inputs
-    clock: Floats  # (1,): s, until when it has been played where it stopped
+    stopped_s: Floats  # (1,): when it could not go on; nan: it could
 
 
 class Clock(NamedTuple):
@@ -75,7 +75,7 @@ def follow(side: Side, plant: Plant, state: State, t_s: float, duration_s: float
         v[s] = side.state.start[side.place[s]]
     if why == 0:
         return kernel.WAITING
-    side.clock[0] = t_s + done_s
+    side.stopped_s[0] = t_s + done_s
     if why == RUNAWAY:
         return kernel.RUNAWAY
     return kernel.CHATTERS if why == CHATTER else kernel.NOT_RESOLVED
@@ -169,6 +169,12 @@ class CircuitPlayer(Player):
         follow(self.side, self.plant, state, 0.0, 0.0)
         return state
 
+    @property
+    def done_s(self) -> float:
+        """Until when it has been played, also where it stopped between two instants."""
+        stopped_s = float(self.side.stopped_s[0])
+        return super().done_s if np.isnan(stopped_s) else stopped_s
+
     def overloads(self) -> tuple[Overload, ...]:
         """Converters as the kernel saw them; analog signals as they went between the instants, too."""
         signals = self.machine.analog.signals
@@ -231,5 +237,5 @@ def _side(machine: Machine) -> Side:
         no_pen(),
         np.array([number[s] for s in machine.analog.signals], dtype=np.int64),
         np.array(held, dtype=np.int64),
-        np.zeros(1),
+        np.full(1, np.nan),
     )
