@@ -65,10 +65,10 @@ def _balanced(matrix: Floats) -> Floats:
         scaled = others * unit / unit[:, None]
         rows, columns = scaled.sum(axis=1), scaled.sum(axis=0)
         ratio = np.divide(rows, columns, out=np.ones_like(unit), where=(rows > 0) & (columns > 0))
-        factors = 2.0 ** np.rint(0.5 * np.log2(ratio))
-        if (factors == 1.0).all():
+        powers = np.rint(0.5 * np.log2(ratio))
+        unit *= 2.0**powers
+        if (np.abs(powers) <= 1.0).all():  # a further factor of two mends nothing
             break
-        unit *= factors
     return matrix * unit / unit[:, None]
 
 

@@ -5,6 +5,7 @@ Stage 4.
 
 from __future__ import annotations
 
+import functools
 from dataclasses import dataclass
 
 import numpy as np
@@ -48,6 +49,8 @@ class LinearProgram:
         return solved
 
 
+# A prediction asks for it twice: for the map, and to tell which closed form applies.
+@functools.lru_cache(maxsize=8)
 def linear_program(tape: Tape, adcs: int) -> LinearProgram:
     """Play the tape on linear forms instead of numbers; raises NotLinear naming the word."""
     width = adcs + len(tape.remembered) + 1

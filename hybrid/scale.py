@@ -31,6 +31,8 @@ def row_times_s(rows: int, every_ticks: int) -> npt.NDArray[np.float64]:
     """`to_seconds(k * every_ticks)` for k = 0, 1, ..., (rows,): each the float nearest to its time."""
     shared = math.gcd(every_ticks, TICKS_PER_SECOND)
     numerator, denominator = every_ticks // shared, TICKS_PER_SECOND // shared
-    if numerator * rows <= 2**53:  # both exact as floats, so the quotient is rounded once
-        return np.arange(rows) * float(numerator) / denominator
-    return np.array([to_seconds(k * every_ticks) for k in range(rows)])
+    # Up to here both are exact as floats, so the quotient is rounded once.
+    exact = min(rows, 2**53 // numerator)
+    times_s = np.arange(float(rows)) * float(numerator) / denominator
+    times_s[exact:] = [to_seconds(k * every_ticks) for k in range(exact, rows)]
+    return times_s

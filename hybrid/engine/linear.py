@@ -6,6 +6,7 @@ one go gives the same bits: normal draws come from one stream, in the order of t
 
 from __future__ import annotations
 
+import functools
 from collections.abc import Iterator
 from dataclasses import dataclass
 
@@ -22,6 +23,7 @@ from hybrid.timeline import Happening, Segment, Timeline
 # Small enough to answer Ctrl-C at once and to keep the normal draws in the cache.
 CHUNK_CUES = 1_000_000
 CHUNK_DRAWS = 1 << 17
+NO_DRAWS = np.zeros(0)
 # Tells the overload of a DAC's input from that of the analog signal it drives.
 DAC_SUFFIX = " (DAC)"
 
@@ -61,7 +63,7 @@ class Player:
         )
         self.state = self._first_state()
         self.rows = np.empty((-(-timeline.rows // keep_every), len(pens)))
-        self.normals = stream(seed, "noise")
+        self.seed = seed
         self.segment = 0
         self.outcome = kernel.PAUSED
         self._draws = [_draws(score.cues, self.plant.draws) for score in self.scores]
@@ -85,12 +87,18 @@ class Player:
             return
         score, segment = self.scores[self.segment], self.timeline.segments[self.segment]
         self.state.counts[kernel.DRAWS] = 0
-        normals = self.normals.standard_normal(self._draws_needed(segment, most_cues))
+        needed = self._draws_needed(segment, most_cues)
+        normals = self._normals.standard_normal(needed) if needed else NO_DRAWS
         outcome = self._play_to(score, normals, *self._position(most_cues))
         if outcome == kernel.PAUSED and self.state.counts[kernel.REPEAT] == segment.repeats:
             self._next_segment(segment)
             outcome = kernel.DONE if self.segment == len(self.scores) else kernel.PAUSED
         self.outcome = outcome
+
+    @functools.cached_property
+    def _normals(self) -> np.random.Generator:
+        """The one stream of normal draws of this run."""
+        return stream(self.seed, "noise")
 
     def _analog_side(self, intervals: list[int]) -> Plant:
         """The analog side, ready to be advanced over these intervals (ticks)."""
@@ -192,6 +200,8 @@ class Player:
         if self.segment == len(self.scores):
             return
         notes = self.state.overload
+        if not notes.any():
+            return
         for row in np.flatnonzero(notes[:, kernel.TIMES]).tolist():
             note, (value, worst) = notes[row], self.state.beyond[row].tolist()
             first = self._instant_s(note[kernel.FIRST_REPEAT], note[kernel.FIRST_INSTANT])

@@ -85,6 +85,8 @@ def noise_covariance(a: Floats, intensity: Floats, interval_s: float) -> Floats:
 
 def square_root(covariance: Floats) -> Floats:
     """S with S S^T = covariance, (n, rank); scaled first, since variances differ by many decades."""
+    if not covariance.any():
+        return np.zeros((len(covariance), 0))
     if not np.all(np.isfinite(covariance)):
         return np.full((len(covariance), 1), math.nan)
     deviation = np.sqrt(np.diag(covariance))
