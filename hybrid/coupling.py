@@ -12,7 +12,7 @@ from __future__ import annotations
 
 import functools
 import itertools
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -55,9 +55,8 @@ def exact_modes(machine: Machine) -> Complex:
     analog = machine.analog
     if machine.elements:
         raise _not_linear(machine)
-    keep = np.setdiff1d(np.arange(len(analog.states)), analog.sources)
     if not machine.timing.period:
-        return eigenvalues(analog.a[np.ix_(keep, keep)])
+        return eigenvalues(_without(analog.a, analog.sources))
     change, length_ticks = cycle_map(machine)
     shift = eigenvalues(change, shifted=True)
     shift = shift[shift != -1.0]  # polished to z = 0 itself, it is a result passing through
@@ -187,9 +186,15 @@ class _Tracker:
         driven = {self.u.start + holder.input for holder in self.machine.holders}
         drop = [self.x.start + i for i in analog.sources]
         drop += [i for i in range(self.u.start, self.u.stop) if i not in driven]
-        keep = np.setdiff1d(np.arange(len(self.moved)), drop)
-        kept: Floats = self.moved[np.ix_(keep, keep)]
-        return kept
+        return _without(self.moved, drop)
+
+
+def _without(matrix: Floats, dropped: Sequence[int]) -> Floats:
+    """A square matrix without these rows and columns."""
+    keep = np.ones(len(matrix), dtype=bool)
+    keep[list(dropped)] = False
+    kept: Floats = matrix[keep][:, keep]
+    return kept
 
 
 # -- the ideal patch ------------------------------------------------------------------------------
@@ -224,7 +229,6 @@ def _ideal(patch: Patch, scope: Mapping[str, float]) -> Complex:
 def _ideal_once(patch: Patch, bound: tuple[tuple[str, float], ...]) -> Complex:
     scope = dict(bound)
     analog = ideal_analog(patch, scope)
-    keep = np.setdiff1d(np.arange(len(analog.states)), analog.sources)
     a = analog.a
     if patch.program:
         b, c, d = converter_paths(patch, analog)
@@ -234,7 +238,7 @@ def _ideal_once(patch: Patch, bound: tuple[tuple[str, float], ...]) -> Complex:
         if len(loop) and np.linalg.cond(loop) > 1e12:
             raise NotLinear("the ideal loop has no delay and a gain of exactly 1")
         a = a + b @ np.linalg.solve(loop, gain @ c)
-    return eigenvalues(a[np.ix_(keep, keep)])
+    return eigenvalues(_without(a, analog.sources))
 
 
 def converter_paths(patch: Patch, analog: Analog) -> tuple[Floats, Floats, Floats]:

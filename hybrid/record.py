@@ -5,6 +5,7 @@ Stage 5. xarray is imported only where a Dataset is made or written.
 
 from __future__ import annotations
 
+import functools
 import hashlib
 import json
 import os
@@ -49,9 +50,13 @@ def _pen(machine: Machine, name: str) -> Pen:
     return Pen(name, "word", machine.tape.words.index(name), 1.0 / factor)
 
 
-def signal_units(machine: Machine) -> dict[str, tuple[str, float]]:
+def signal_units(machine: Machine) -> Mapping[str, tuple[str, float]]:
     """Unit text and SI factor in which each signal is shown."""
-    patch = machine.patch
+    return _units_of(machine.patch)
+
+
+@functools.lru_cache(maxsize=8)
+def _units_of(patch: Patch) -> Mapping[str, tuple[str, float]]:
     shown = {part.name: (part.unit, part.factor) for part in patch.analog_parts}
     shown |= {adc.name: shown[adc.source] for adc in patch.adcs}
     by_word = {dac.word: shown[dac.name] for dac in patch.dacs}

@@ -196,9 +196,32 @@ def _clockwork(machine: Machine) -> _Clockwork:
     return _Clockwork(timing.period, timing.compute, timing.every, channels, len(machine.holders))
 
 
-@functools.lru_cache(maxsize=4)
-def _play_clockwork(clockwork: _Clockwork, until: int) -> tuple[Event, ...]:
-    """Run the SimPy model to `until` (included) and return its events, unsorted."""
+def _play_clockwork(clockwork: _Clockwork, until: int) -> list[Event]:
+    """The events up to `until` (included), unsorted.
+
+    Times are told in their greatest common divisor, so that clocks of one proportion, such as those of
+    a sweep of T, are one clockwork.
+    """
+    every_time = (
+        clockwork.period,
+        clockwork.compute,
+        clockwork.every,
+        *sum(clockwork.channels, ()),
+    )
+    unit = math.gcd(*every_time)
+    told = _Clockwork(
+        clockwork.period // unit,
+        clockwork.compute // unit,
+        clockwork.every // unit,
+        tuple((delay // unit, conversion // unit) for delay, conversion in clockwork.channels),
+        clockwork.dacs,
+    )
+    return [(at * unit, kind, index) for at, kind, index in _simulated(told, until // unit)]
+
+
+@functools.lru_cache(maxsize=8)
+def _simulated(clockwork: _Clockwork, until: int) -> tuple[Event, ...]:
+    """The same from the SimPy model."""
     log: list[Event] = []
     clock = simpy.Environment(initial_time=0)
     if clockwork.period:
