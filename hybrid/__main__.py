@@ -13,6 +13,9 @@ def main() -> int:
     listening = signal.getsignal(signal.SIGINT) is not signal.SIG_IGN  # not a job in the background
     if listening:
         signal.signal(signal.SIGINT, _leave)
+    from hybrid.loading import seldom_collect
+
+    seldom_collect()
     # Matrices here are small: threads for them cost more than they bring.
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
     from hybrid.cli import main as command

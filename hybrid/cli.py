@@ -17,6 +17,7 @@ from typing import TYPE_CHECKING
 
 from hybrid import interrupts
 from hybrid.errors import HybridError, RunError
+from hybrid.loading import load_numba_without_blas
 from hybrid.options import (
     output_name,
     parser,
@@ -97,6 +98,7 @@ def _run(options: argparse.Namespace, filing: Filing) -> int:
     from hybrid.record import machine_facts, span_facts
     from hybrid.runs import check_run, run
 
+    load_numba_without_blas()
     machine = machine_of(patch, parameters, options.machine, options.serial)
     check_run(machine, options.seed)
     stem = Path(output_name(options.out)) / Path(patch.file).stem
@@ -108,9 +110,12 @@ def _run(options: argparse.Namespace, filing: Filing) -> int:
         result = run(machine, seed=options.seed, progress=progress)
         interrupts.ignore()
     modes = None if isinstance(prediction, str) else prediction.to_dicts()
-    files = filing.write(result.parts(), result.readouts, modes, stem)
+    filing.write(result.parts(), result.readouts, modes, stem)
+    if not options.json:
+        import hybrid.show  # noqa: F401  # takes half as long as drawing, so meanwhile
+    files = filing.written()
     if options.xy:
-        from hybrid.record import PlainRecord
+        from hybrid.storage import PlainRecord
 
         files += save_plots(PlainRecord(result.parts()), pairs, stem)
     if options.json:
@@ -178,8 +183,8 @@ def predict_command(options: argparse.Namespace) -> int:
 def sweep_command(options: argparse.Namespace) -> int:
     """hybrid sweep."""
     patch, parameters = patch_and_parameters(options)
-    from hybrid.record import write_dataset
     from hybrid.runs import check_seed
+    from hybrid.storage import write_dataset
     from hybrid.sweeps import check_sweep, sweep, values_of
 
     check_seed(options.seed)
@@ -225,7 +230,7 @@ def sweep_command(options: argparse.Namespace) -> int:
 def _coupling_chart(result: Sweep, path: Path) -> str:
     from hybrid.charts.coupling import coupling_chart
     from hybrid.charts.strip import save
-    from hybrid.record import write_whole
+    from hybrid.storage import write_whole
 
     figure = coupling_chart(result.dataset)
     write_whole(path, lambda part: save(figure, part))

@@ -6,6 +6,7 @@ it starts at once, nothing else of the project is loaded before it.
 
 from __future__ import annotations
 
+from contextlib import suppress
 from multiprocessing import get_context
 from multiprocessing.connection import Connection
 from pathlib import Path
@@ -13,9 +14,10 @@ from typing import TYPE_CHECKING, Any
 
 from hybrid.errors import HybridError
 from hybrid.interrupts import held_back
+from hybrid.loading import seldom_collect
 
 if TYPE_CHECKING:
-    from hybrid.record import Parts
+    from hybrid.storage import Parts
 
 # How long the process has to end before it is made to. It may not hear: SIGTERM may be ignored since
 # before the command was started.
@@ -54,14 +56,18 @@ class Filing:
         readouts: dict[str, dict[str, Any]],
         prediction: list[dict[str, Any]] | None,
         stem: Path,
-    ) -> list[str]:
-        """Write `stem`.nc and, if asked for, `stem`.png; returns their names."""
-        work = (parts, readouts, prediction, stem, self.chart)
+    ) -> None:
+        """Have `stem`.nc and, if asked for, `stem`.png written; `written` waits for them."""
+        self.work = (parts, readouts, prediction, stem, self.chart)
+        with suppress(OSError):  # the process was killed, as `written` will find, too
+            self.line.send(self.work)
+
+    def written(self) -> list[str]:
+        """The names of the files, once they are there. Raises HybridError where they cannot be."""
         try:
-            self.line.send(work)
             answer = self.line.recv()
         except (EOFError, OSError):  # the process was killed: do it here
-            return write_files(*work)
+            return write_files(*self.work)
         if isinstance(answer, HybridError):
             raise answer
         files: list[str] = answer
@@ -76,7 +82,7 @@ def write_files(
     chart: bool,
 ) -> list[str]:
     """Write the record and the strip chart; each file appears whole or not at all."""
-    from hybrid.record import PlainRecord, write_parts, write_whole
+    from hybrid.storage import PlainRecord, write_parts, write_whole
 
     record_file = stem.with_name(stem.name + ".nc")
     write_parts(parts, record_file)
@@ -92,11 +98,13 @@ def write_files(
 
 def _serve(line: Connection, chart: bool) -> None:
     """Load what writing needs, then do one piece of work."""
+    seldom_collect()
+    seldom_collect()
     if chart:
         import hybrid.charts.strip
     import netCDF4  # noqa: F401
 
-    import hybrid.record  # noqa: F401
+    import hybrid.storage  # noqa: F401
 
     try:
         answer: Any = write_files(*line.recv())

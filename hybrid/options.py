@@ -195,7 +195,7 @@ def sweep_file(options: argparse.Namespace, patch: Patch, name: str) -> Path:
 
 def writable(*files: Path) -> None:
     """Raise RunError where the files of a run or sweep cannot be put, before anything is computed."""
-    from hybrid.record import output_folder
+    from hybrid.storage import output_folder
 
     output_folder(files[0].parent)
     for file in files:

@@ -22,8 +22,9 @@ from hybrid.linearity import NotLinear
 from hybrid.machine import Floats, Machine, Pen
 from hybrid.patch import Readout
 from hybrid.readout import FEWEST_ROWS_PER_CYCLE, READOUTS
-from hybrid.record import Parts, full_scales, pens_for, record_parts, signal_units
+from hybrid.record import full_scales, pens_for, record_parts, signal_units
 from hybrid.scale import row_times_s, to_seconds, to_ticks
+from hybrid.storage import Parts
 from hybrid.timeline import build_timeline
 
 if TYPE_CHECKING:

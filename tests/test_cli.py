@@ -465,7 +465,8 @@ def test_an_interrupted_sweep_keeps_its_points(count: int, jobs: str) -> None:
     assert not [path for path in Path().iterdir() if path.name.startswith(".hybrid")]
 
 
-@pytest.mark.parametrize("after_s", [0.15, 0.3, 0.6])
+# Earlier than this Python itself may still be loading, which no program hears of.
+@pytest.mark.parametrize("after_s", [0.3, 0.45, 0.7])
 def test_an_early_interrupt_is_quiet(after_s: float) -> None:
     code, out, err = interrupted(["run", "loop.yaml", "--until", "1e5 s"], after_s)
     assert (code, "Traceback" in err) == (130, False), (out, err)

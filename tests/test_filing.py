@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import math
 import signal
+import subprocess
+import sys
 import time
 from pathlib import Path
 
@@ -14,8 +16,8 @@ import xarray as xr
 from hybrid.errors import RunError
 from hybrid.filing import PATIENCE_S, Filing, write_files
 from hybrid.patchfile import parse_patch
-from hybrid.record import PlainRecord
 from hybrid.runs import Run, run
+from hybrid.storage import PlainRecord
 
 
 @pytest.fixture(scope="module")
@@ -42,7 +44,8 @@ def same(stored: xr.Dataset, result: Run) -> None:
 
 def test_the_second_process_writes_record_and_chart(result: Run, tmp_path: Path) -> None:
     with Filing(chart=True) as filing:
-        files = filing.write(result.parts(), result.readouts, None, tmp_path / "decay")
+        filing.write(result.parts(), result.readouts, None, tmp_path / "decay")
+        files = filing.written()
     assert [Path(f).name for f in files] == ["decay.nc", "decay.png"]
     with xr.open_dataset(files[0]) as stored:
         same(stored.load(), result)
@@ -54,7 +57,8 @@ def test_a_killed_process_loses_nothing(result: Run, tmp_path: Path) -> None:
     with Filing(chart=False) as filing:
         filing.process.kill()
         filing.process.join()
-        files = filing.write(result.parts(), result.readouts, None, tmp_path / "decay")
+        filing.write(result.parts(), result.readouts, None, tmp_path / "decay")
+        files = filing.written()
     with xr.open_dataset(files[0]) as stored:
         same(stored.load(), result)
 
@@ -83,3 +87,13 @@ def test_a_plain_record_reads_like_a_dataset(result: Run) -> None:
     assert list(plain.data_vars) == list(result.record.data_vars)
     assert np.array_equal(plain["x"].values, result.record["x"].values)
     assert plain["time"].attrs == result.record["time"].attrs
+
+
+def test_the_command_loads_numba_whole_for_others() -> None:
+    code = (
+        "import sys; from hybrid.loading import load_numba_without_blas as load; load();"
+        "assert 'scipy.linalg' not in sys.modules; import scipy.linalg, numba, numpy as np;"
+        "assert scipy.linalg.norm([3.0, 4.0]) == 5.0;"
+        "assert numba.njit(lambda x: np.sum(x * x))(np.ones(3)) == 3.0"
+    )
+    subprocess.run([sys.executable, "-c", code], check=True)

@@ -10,7 +10,7 @@ import pytest
 import xarray as xr
 
 import hybrid
-from hybrid.record import write_dataset
+from hybrid.storage import write_dataset
 from hybrid.sweeps import POINTS_PER_BATCH, _points_per_batch
 
 PATCH = """

@@ -31,7 +31,7 @@ from hybrid.components import CATALOG
 from hybrid.errors import RunError
 from hybrid.expressions import to_text
 from hybrid.patch import Adc, Component, Dac, Patch, Value
-from hybrid.record import write_whole
+from hybrid.storage import write_whole
 
 NAME_SIZE, SMALL_SIZE, PILL_SIZE = 11.0, 9.0, 9.0
 LINE = 12.0  # between lines below a symbol

@@ -21,7 +21,7 @@ from matplotlib.figure import Figure
 from hybrid.charts import style
 from hybrid.charts.style import LINE_IN, number
 from hybrid.errors import RunError, did_you_mean, quoted
-from hybrid.record import write_whole
+from hybrid.storage import write_whole
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -29,7 +29,7 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from hybrid.patch import Patch
-    from hybrid.record import PlainRecord
+    from hybrid.storage import PlainRecord
 
     Recorded = xr.Dataset | PlainRecord
     Floats = NDArray[np.float64]

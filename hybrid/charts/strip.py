@@ -27,7 +27,7 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from numpy.typing import NDArray
 
-    from hybrid.record import PlainRecord
+    from hybrid.storage import PlainRecord
 
     Recorded = xr.Dataset | PlainRecord
 

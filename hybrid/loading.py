@@ -1,0 +1,32 @@
+"""How a command loads its libraries in less time: for its own processes, not for who imports hybrid.
+
+Stage 0.
+"""
+
+from __future__ import annotations
+
+import gc
+import sys
+
+
+def seldom_collect() -> None:
+    """Look for garbage less often: loading makes many objects and hardly any garbage.
+
+    Looking for some takes a quarter of the time in which a short run is over.
+    """
+    gc.set_threshold(200_000, 20, 20)
+
+
+def load_numba_without_blas() -> None:
+    """Load numba as if SciPy's BLAS were not there, which takes as long to load as numba itself.
+
+    numba looks for it once, to offer matrix products in compiled functions; the kernels use none.
+    """
+    blas = "scipy.linalg"
+    if blas in sys.modules:
+        return
+    sys.modules[blas] = None  # type: ignore[assignment]  # what makes Python say: not there
+    try:
+        import numba.np.arraymath  # noqa: F401
+    finally:
+        del sys.modules[blas]
