@@ -1,7 +1,7 @@
 """Hybrid: an emulated hybrid analog-digital computer.
 
-read_patch(file) -> Patch; run, predict, sweep, check take a Patch, or the file or shipped name of one,
-and parameters as SI numbers or texts with units.
+read_patch(file) -> Patch; run, predict, sweep, batch, check take a Patch, or the file or shipped name of
+one, and parameters as SI numbers or texts with units.
 Everything is imported when first used, so that the command line starts quickly.
 """
 
@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Any
 from hybrid.version import __version__ as __version__
 
 if TYPE_CHECKING:
+    from hybrid.batches import batch as batch
     from hybrid.checks import check as check
     from hybrid.errors import HybridError as HybridError
     from hybrid.errors import PatchError as PatchError
@@ -26,6 +27,7 @@ _HOMES = {
     "HybridError": "errors",
     "PatchError": "errors",
     "RunError": "errors",
+    "batch": "batches",
     "check": "checks",
     "parse_patch": "patchfile",
     "predict": "prediction",

@@ -19,6 +19,8 @@ from hybrid import interrupts
 from hybrid.errors import HybridError, RunError
 from hybrid.loading import load_numba_without_blas
 from hybrid.options import (
+    batch_file,
+    combined,
     output_name,
     parser,
     patch_and_parameters,
@@ -38,6 +40,7 @@ from hybrid.terminal import (
 )
 
 if TYPE_CHECKING:
+    from hybrid.batches import Batch
     from hybrid.filing import Filing
     from hybrid.machine import Machine
     from hybrid.prediction import Prediction
@@ -227,6 +230,66 @@ def sweep_command(options: argparse.Namespace) -> int:
     return EXIT_STOPPED if any(p.status == "failed" for p in result.points) else 0
 
 
+def batch_command(options: argparse.Namespace) -> int:
+    """hybrid batch."""
+    patch, parameters = patch_and_parameters(options)
+    from hybrid.batches import batch, check_batch, orders_of
+    from hybrid.storage import write_dataset
+
+    lists, serials = combined(options, patch, parameters)
+    orders, differ = orders_of(patch, lists, None, serials, options.seed)
+    out = batch_file(options, patch)
+    first = check_batch(patch, orders, differ, options.machine, options.jobs)
+    writable(out, out.with_suffix(".png"))
+    say_if_compiling(first)
+    interrupts.hear()
+    with Progress("running") as progress:
+        result = batch(
+            patch,
+            lists,
+            machine=options.machine,
+            serial=serials,
+            seed=options.seed,
+            jobs=options.jobs,
+            progress=progress,
+        )
+        interrupts.ignore()
+    if not result.points:
+        raise KeyboardInterrupt
+    write_dataset(result.dataset, out)
+    files = [str(out)]
+    if not options.no_chart:
+        files.append(_ensemble_chart(result, out.with_suffix(".png")))
+    if options.json:
+        print_json(**result.to_dict(), files=files)
+    else:
+        from hybrid.show import show_batch
+
+        show_batch(console(), result, files)
+    if result.status != "complete":
+        return EXIT_INTERRUPTED
+    return EXIT_STOPPED if any(p.status == "failed" for p in result.points) else 0
+
+
+def _ensemble_chart(result: Batch, path: Path) -> str:
+    from hybrid.charts.ensemble import Across, Spread, ensemble_chart
+    from hybrid.charts.style import save
+    from hybrid.storage import write_whole
+
+    data, title = result.dataset, f"{result.patch.title}: {len(result.points)} runs"
+    across = None
+    if len(result.differ) == 1:
+        name = result.differ[0]
+        across = Across(name, data[name].values, data[name].attrs["units"])
+    serials = sorted({result.serial_of(p) for p in result.points})
+    machines = f"serial {serials[0]}" + (f" to {serials[-1]}" if len(serials) > 1 else "")
+    facts = [f"{result.patch.file}; machine {result.machine}, {machines}; {result.status}"]
+    spreads = [Spread(name, *figure) for name, figure in result.figures().items()]
+    figure = ensemble_chart(title, facts, spreads, across)
+    write_whole(path, lambda part: save(figure, part))
+    return str(path)
+
+
 def _coupling_chart(result: Sweep, path: Path) -> str:
     from hybrid.charts.coupling import coupling_chart
     from hybrid.charts.strip import save
@@ -292,6 +355,7 @@ VERBS: Mapping[str, Callable[[argparse.Namespace], int]] = {
     "run": run_command,
     "predict": predict_command,
     "sweep": sweep_command,
+    "batch": batch_command,
     "check": check_command,
     "draw": draw_command,
     "list": list_command,

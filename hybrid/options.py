@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import argparse
+import itertools
+import math
 import re
 from dataclasses import replace
 from pathlib import Path
@@ -60,6 +62,7 @@ def parser() -> argparse.ArgumentParser:
     _run(_verb(verbs, "run", "run a patch: strip chart, readouts, record"))
     _predict(_verb(verbs, "predict", "exact modes and closed forms, without a run"))
     _sweep(_verb(verbs, "sweep", "measure and predict over a range of one parameter"))
+    _batch(_verb(verbs, "batch", "many runs: machines of a make, noise, several parameters"))
     _verb(verbs, "check", "validate a patch; scaling, potentiometers, static check")
     doc = "the patch diagram with the customary symbols"
     _draw(verbs.add_parser("draw", help=doc, description=doc))
@@ -133,11 +136,32 @@ def _sweep(made: argparse.ArgumentParser) -> None:
         help="the range, evenly spaced (or :lin) or in the logarithm (:log)",
     )
     _seed(made)
+    _many(made)
+
+
+def _many(made: argparse.ArgumentParser) -> None:
+    """Options of the verbs that make many runs."""
     made.add_argument(
         "--jobs", type=_whole, metavar="N", help="worker processes (default: all cores)"
     )
     made.add_argument("--out", metavar="FILE", help="NetCDF file; the chart goes beside it")
     made.add_argument("--no-chart", action="store_true", help="write the data only")
+
+
+def _batch(made: argparse.ArgumentParser) -> None:
+    made.add_argument(
+        "--over",
+        action="append",
+        default=[],
+        metavar="NAME=START:STOP:COUNT[:log]",
+        help="a range; of several, every combination is run",
+    )
+    made.add_argument("--runs", type=_whole, metavar="N", help="N runs of each, each its own noise")
+    made.add_argument(
+        "--serials", metavar="FIRST:LAST", help="each on every machine of these serial numbers"
+    )
+    _seed(made)
+    _many(made)
 
 
 # -- what was written -------------------------------------------------------------------------------
@@ -177,16 +201,77 @@ def swept_range(over: str) -> tuple[str, str]:
     return name, text
 
 
+def combined(
+    options: argparse.Namespace, patch: Patch, parameters: dict[str, float]
+) -> tuple[dict[str, Any], list[int | None]]:
+    """Every combination that a batch asks for: parameters, and serial numbers if given.
+
+    The last range runs through fastest but for the serial numbers, and these but for --runs.
+    """
+    from hybrid.arguments import whole_number
+    from hybrid.points import MOST_POINTS
+    from hybrid.sweeps import values_of
+
+    ranges: dict[str, list[float]] = {}
+    for over in options.over:
+        name, text = swept_range(over)
+        if name in ranges or name in parameters:
+            where = "swept twice" if name in ranges else "both set and swept"
+            raise RunError(f"{name} is {where}; leave out one of them")
+        ranges[name] = values_of(patch, name, text).tolist()
+    again = whole_number("--runs", 1 if options.runs is None else options.runs, 1, MOST_POINTS)
+    serials: list[int | None] = [options.serial]
+    if options.serials is not None:
+        serials = [*serial_range(options.serials)]
+    if options.serials is not None and options.serial is not None:
+        raise RunError("give either --serial or --serials")
+    if not ranges and options.runs is None and options.serials is None:
+        raise RunError("a batch needs --over, --serials or --runs to tell what to run")
+    count = again * len(serials) * math.prod(len(values) for values in ranges.values())
+    if count > MOST_POINTS:
+        raise RunError(f"{count} runs are too many; a batch makes {MOST_POINTS} at most")
+    table = [
+        (values, serial)
+        for values in itertools.product(*ranges.values())
+        for serial in serials
+        for _ in range(again)
+    ]
+    columns: dict[str, Any] = {n: [row[0][i] for row in table] for i, n in enumerate(ranges)}
+    return {**parameters, **columns}, [serial for _, serial in table]
+
+
+def serial_range(text: str) -> list[int]:
+    """Serial numbers of --serials FIRST:LAST, both included."""
+    from hybrid.points import MOST_POINTS
+
+    first, colon, last = text.partition(":")
+    if not (colon and first.isascii() and last.isascii() and first.isdigit() and last.isdigit()):
+        raise RunError(f"--serials {quoted(text)} must be FIRST:LAST, such as 1:1000")
+    if int(last) < int(first) or int(last) - int(first) >= MOST_POINTS:
+        raise RunError(
+            f"--serials {quoted(text)}: LAST must not be below FIRST, nor above by {MOST_POINTS}"
+        )
+    return list(range(int(first), int(last) + 1))
+
+
+def batch_file(options: argparse.Namespace, patch: Patch) -> Path:
+    """Where the data of a batch go."""
+    return _data_file(options, f"out/{Path(patch.file).stem}_batch.nc")
+
+
 def output_name(out: str) -> str:
     """What --out names; the empty text is no place, least of all the folder one is in."""
     if not out.strip():
-        raise RunError("--out is empty; name a folder of a run, or a file of a sweep")
+        raise RunError("--out is empty; name a folder of a run, or a file of a sweep or batch")
     return out
 
 
 def sweep_file(options: argparse.Namespace, patch: Patch, name: str) -> Path:
     """Where the data of a sweep go."""
-    default = f"out/{Path(patch.file).stem}_over_{name}.nc"
+    return _data_file(options, f"out/{Path(patch.file).stem}_over_{name}.nc")
+
+
+def _data_file(options: argparse.Namespace, default: str) -> Path:
     out = Path(default if options.out is None else output_name(options.out))
     if out.suffix != ".nc":
         raise RunError(f"--out {out} must be a NetCDF file, ending in .nc")

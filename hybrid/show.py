@@ -10,9 +10,11 @@ from rich.console import Console
 from rich.markup import escape
 from rich.table import Table
 
+from hybrid.batches import Batch
 from hybrid.beside import mode_beside
 from hybrid.checks import Check
 from hybrid.errors import counted
+from hybrid.points import Point
 from hybrid.prediction import Prediction
 from hybrid.runs import Run, readout_text
 from hybrid.sweeps import Sweep
@@ -218,12 +220,36 @@ def show_sweep(console: Console, sweep: Sweep, files: Sequence[str]) -> None:
             f"the table has {len(listed)} of {len(sweep.points)} points; the file has all",
             style="dim",
         )
-    notes = [p.remarks for p in sweep.points if p.remarks]
-    if notes:
-        points = f"{counted(len(notes), 'point')} with a note"
-        console.print(f"{points}, the first: {escape(notes[0])}")
+    _show_notes(console, sweep.points, "point")
     for file in files:
         console.print(f"wrote {escape(file)}", soft_wrap=True)
+
+
+def show_batch(console: Console, batch: Batch, files: Sequence[str]) -> None:
+    """How the figures are spread, the first note, the files."""
+    console.print(repr(batch).partition("\n")[0][1:-1], highlight=False, markup=False)
+    rows = [
+        (
+            f"{name} {about['units']}".strip(),
+            str(about["runs"]),
+            figure(about["mean"]),
+            figure(about["std"], 4),
+            figure(about["minimum"]),
+            figure(about["maximum"]),
+        )
+        for name, about in batch.summary().items()
+    ]
+    columns = ("figure", "runs", "mean", "std", "least", "largest")
+    show_table(console, "", columns, rows)
+    _show_notes(console, batch.points, "run")
+    for file in files:
+        console.print(f"wrote {escape(file)}", soft_wrap=True)
+
+
+def _show_notes(console: Console, points: Sequence[Point], what: str) -> None:
+    notes = [p.remarks for p in points if p.remarks]
+    if notes:
+        console.print(f"{counted(len(notes), what)} with a note, the first: {escape(notes[0])}")
 
 
 def some_rows(count: int, most: int) -> list[int]:

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import json
 import math
-from collections.abc import Callable, Iterable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
 from functools import cached_property
 from typing import TYPE_CHECKING, Any
@@ -26,41 +26,34 @@ from hybrid.arguments import (
     patch_of,
     preset_of,
     serial_of,
-    whole_number,
 )
-from hybrid.compiler import compile_patch
-from hybrid.errors import HybridError, RunError, quoted, shown
+from hybrid.errors import RunError, quoted, shown
 from hybrid.expressions import names
-from hybrid.interrupts import deaf_children
 from hybrid.machine import Machine
-from hybrid.patch import Patch, Readout
-from hybrid.prediction import predict_machine
-from hybrid.record import (
-    exact_parameters,
-    machine_facts,
-    parameter_texts,
-    patch_hash,
-    signal_units,
-    versions_text,
+from hybrid.patch import Patch
+from hybrid.points import (
+    MEASURED,
+    MOST_POINTS,
+    Order,
+    Point,
+    Task,
+    check_jobs,
+    counts_text,
+    measured_variables,
+    number,
+    origin,
+    play_all,
+    scalar_names,
+    transients,
 )
-from hybrid.runs import check_seed, run
+from hybrid.record import exact_parameters, machine_facts, parameter_texts
+from hybrid.runs import check_seed
 from hybrid.streams import stream
 
 if TYPE_CHECKING:
     import pandas as pd
     import xarray as xr
 
-MOST_POINTS = 1_000_000
-# Points handed to a worker at once: enough to hide the hand-over, few enough to share evenly.
-POINTS_PER_BATCH = 20
-# Cycles (or rows) that a batch holds at most: a second's work or so.
-STEPS_PER_BATCH = 2_000_000
-# Below this many points starting workers takes longer than the work.
-FEWEST_FOR_WORKERS = 40
-MOST_JOBS = 1000
-
-MEASURED = ("omega", "omega_damped", "zeta", "omega_error", "omega_damped_error", "zeta_error")
-TIMED = ("final", "maximum", "minimum")  # readouts that give a time with their value
 PREDICTED = ("omega", "omega_damped", "zeta", "omega_ideal", "zeta_ideal")
 CLOSED = ("omega", "zeta")
 # Names in the result of a sweep, which the swept parameter joins.
@@ -70,31 +63,6 @@ VARIABLES = frozenset(
     | {q if q.endswith("_ideal") else f"predicted_{q}" for q in PREDICTED}
     | {f"closed_form_{quantity}" for quantity in CLOSED}
 )
-
-
-@dataclass(frozen=True, slots=True)
-class Point:
-    """One value of the swept parameter: what was measured and predicted, or why not."""
-
-    index: int
-    measured: dict[str, dict[str, Any]]
-    modes: tuple[dict[str, Any], ...]
-    status: str
-    note: str
-    overloads: int
-    seed: int
-
-    @property
-    def has_result(self) -> bool:
-        """Whether any of the point's readouts has figures (of a patch without any: it was run)."""
-        reasons = [quantities.get("reason") for quantities in self.measured.values()]
-        return self.status != "failed" and not (reasons and all(reasons))
-
-    @property
-    def remarks(self) -> str:
-        """The note, and why readouts have no figures."""
-        reasons = [f"{n}: {q['reason']}" for n, q in self.measured.items() if q.get("reason")]
-        return "; ".join(dict.fromkeys(text for text in (self.note, *reasons) if text))
 
 
 @dataclass(frozen=True, eq=False)
@@ -169,16 +137,10 @@ class Sweep:
         }
 
     def __repr__(self) -> str:
-        counts = {
-            "without a result": sum(not p.has_result for p in self.points),
-            "failed": sum(p.status == "failed" for p in self.points),
-            "stopped early": sum(p.status == "stopped" for p in self.points),
-            "with overloads": sum(p.overloads > 0 for p in self.points),
-        }
-        told = "".join(f"{n} {what}, " for what, n in counts.items() if n or "result" in what)
         return (
             f"<Sweep {self.patch.title!r} over {self.parameter} on {self.machine!r}: "
-            f"{len(self.points)} of {len(self.values)} points, {told}{self.status}>"
+            f"{len(self.points)} of {len(self.values)} points, {counts_text(self.points)}, "
+            f"{self.status}>"
         )
 
 
@@ -220,14 +182,13 @@ def check_sweep(
     check_parameter(patch, over)
     if over in parameters:
         raise RunError(f"{over} is both set and swept; leave out one of them")
-    scalars = {name for r in patch.readouts for name in _scalar_names(r)}
+    scalars = {name for r in patch.readouts for name in scalar_names(r)}
     if over in VARIABLES | scalars:
         raise RunError(
             f"the parameter {over} cannot be swept: the result has a variable of that name; "
             "rename the parameter"
         )
-    if jobs is not None:
-        whole_number("jobs", jobs, 1, MOST_JOBS)
+    check_jobs(jobs)
 
     def compiled(value: float) -> Machine:
         return machine_of(patch, {**parameters, over: float(value)}, machine, serial)
@@ -273,83 +234,20 @@ def sweep(
     could ever work.
     """
     seed, patch = check_seed(seed), patch_of(patch)
-    numbers, order = values_of(patch, over, values), parameters_of(patch, parameters)
-    first = check_sweep(patch, over, numbers, order, machine, serial, jobs)
-    task = _Task(patch, over, order, preset_of(machine), serial_of(serial), seed)
-    points, status = [], "complete"
-    try:
-        for batch in _batches(task, numbers, jobs, _points_per_batch(first)):
-            points.extend(batch)
-            if progress:
-                progress(len(points) / len(numbers))
-    except KeyboardInterrupt:
-        status = "interrupted"
-    points.sort(key=lambda point: point.index)
-    return Sweep(patch, over, numbers, tuple(points), first, seed, status)
-
-
-@dataclass(frozen=True, slots=True)
-class _Task:
-    """What all points share; travels to the workers."""
-
-    patch: Patch
-    over: str
-    parameters: dict[str, float]
-    machine: str | None
-    serial: int | None
-    seed: int
-
-    def points(self, batch: list[tuple[int, float]]) -> list[Point]:
-        return [self.point(index, value) for index, value in batch]
-
-    def point(self, index: int, value: float) -> Point:
-        """Run, read out and predict one value."""
-        seed = int(stream(self.seed, "sweep", self.over, str(index)).integers(2**53))
-        overrides = {**self.parameters, self.over: value}
-        try:
-            compiled = compile_patch(self.patch, overrides, self.machine, self.serial)
-            modes: tuple[dict[str, Any], ...] = ()
-            note = ""
-            try:
-                modes = tuple(predict_machine(compiled).to_dicts())
-            except RunError as error:
-                note = f"no prediction: {error}"
-            result = run(compiled, seed=seed, readouts_only=True)
-            if result.status == "interrupted":  # half a point says nothing; the sweep ends here
-                raise KeyboardInterrupt
-        except HybridError as error:
-            return Point(index, {}, (), "failed", str(error), 0, seed)
-        notes = "; ".join(n for n in (note, result.status_note) if n)
-        overloads = len(result.overloads)
-        return Point(index, result.readouts, modes, result.status, notes, overloads, seed)
-
-
-def _points_per_batch(first: Machine) -> int:
-    """Few where a point takes long: an interrupted sweep loses the batches that are under way."""
-    timing = first.timing
-    steps = timing.until // min(t for t in (timing.period, timing.every) if t)
-    return max(1, min(POINTS_PER_BATCH, STEPS_PER_BATCH // max(steps, 1)))
-
-
-def _batches(
-    task: _Task, values: npt.NDArray[np.float64], jobs: int | None, most: int
-) -> Iterator[list[Point]]:
-    """Points in batches of at most `most`, from all cores or wherever joblib works (a Dask cluster too).
-
-    Costly values (short cycles) are spread over the batches.
-    """
-    pairs = list(enumerate(values.tolist()))
-    if len(pairs) < FEWEST_FOR_WORKERS or jobs == 1:
-        for pair in pairs:
-            yield task.points([pair])
-        return
-    import joblib
-
-    count = -(-len(pairs) // most)
-    parallel = joblib.Parallel(n_jobs=jobs or -1, return_as="generator_unordered")
-    with deaf_children():
-        batches = parallel(joblib.delayed(task.points)(pairs[i::count]) for i in range(count))
-    yield from batches
+    numbers, given = values_of(patch, over, values), parameters_of(patch, parameters)
+    first = check_sweep(patch, over, numbers, given, machine, serial, jobs)
+    task = Task(patch, preset_of(machine), predicts=True)
+    orders = [
+        Order(
+            index,
+            {**given, over: value},
+            serial_of(serial),
+            int(stream(seed, "sweep", over, str(index)).integers(2**53)),
+        )
+        for index, value in enumerate(numbers.tolist())
+    ]
+    points, status = play_all(task, orders, first, jobs, progress)
+    return Sweep(patch, over, numbers, points, first, seed, status)
 
 
 def _dataset(result: Sweep) -> xr.Dataset:
@@ -357,78 +255,33 @@ def _dataset(result: Sweep) -> xr.Dataset:
 
     parameter = result.patch.parameters[result.parameter]
     points = result.points
-    readouts = sorted(r.name for r in result.patch.readouts if r.kind == "transient")
     modes = max((len(p.modes) for p in points), default=0)
-    shape = (len(points), len(readouts))
-    variables: dict[str, Any] = {}
-    for quantity in MEASURED:
-        table = np.full(shape, np.nan)
-        for i, point in enumerate(points):
-            for j, name in enumerate(readouts):
-                table[i, j] = _number(point.measured.get(name, {}).get(quantity))
-        unit = {"units": "" if quantity.startswith("zeta") else "rad/s"}
-        variables[f"measured_{quantity}"] = ((result.parameter, "readout"), table, unit)
+    variables: dict[str, Any] = measured_variables(points, result.first, result.parameter)
     for quantity in PREDICTED:
         name = quantity if quantity.endswith("_ideal") else f"predicted_{quantity}"
         variables[name] = _mode_table(result, modes, quantity)
     for quantity in CLOSED:
         variables[f"closed_form_{quantity}"] = _mode_table(result, modes, quantity, closed=True)
-    variables |= _scalar_variables(result)
-    texts = {"status": [p.status for p in points], "note": [p.remarks for p in points]}
-    for fact, lines in texts.items():
-        variables[fact] = ((result.parameter,), np.array(lines, dtype=object))
-    variables["overloads"] = (
-        (result.parameter,),
-        np.array([p.overloads for p in points], dtype=int),
-    )
-    variables["seed"] = ((result.parameter,), np.array([p.seed for p in points], dtype=np.int64))
     values = result.values[[p.index for p in points]] / parameter.factor
     forms = [m["closed_form"]["equation"] for p in points for m in p.modes if m["closed_form"]]
     return xr.Dataset(
         variables,
         {
             result.parameter: ((result.parameter,), values, {"units": parameter.unit}),
-            "readout": ("readout", np.array(readouts, dtype=object)),
+            "readout": ("readout", np.array(transients(result.patch), dtype=object)),
             "mode": ("mode", np.arange(modes)),
         },
         {
-            "title": result.patch.title,
-            "patch": result.patch.file,
-            "patch_hash": patch_hash(result.patch),
-            "machine": result.machine,
+            **origin(result.first),
             "serial": result.first.serial,
             "parameters": json.dumps(result.parameters),
             "parameters_si": json.dumps(result.parameters_si),
-            "versions": versions_text(),
             "seed": result.seed,
             "status": result.status,
             "parameter": result.parameter,
             "closed_form": "Eq. " + forms[0] if forms else "",
         },
     )
-
-
-def _scalar_names(readout: Readout) -> tuple[str, ...]:
-    """Variables in the result of a sweep that a readout other than a transient fills."""
-    if readout.kind == "transient":
-        return ()
-    timed = (f"time_{readout.name}",) if readout.kind in TIMED else ()
-    return (f"value_{readout.name}", *timed)
-
-
-def _scalar_variables(result: Sweep) -> dict[str, Any]:
-    """Value, in the unit of its signal, and time of every readout that is no transient."""
-    units, found = signal_units(result.first), {}
-    for readout in result.patch.readouts:
-        for name in _scalar_names(readout):
-            quantity, unit = ("time_s", "s") if name.startswith("time_") else ("value", "")
-            column = [
-                _number(p.measured.get(readout.name, {}).get(quantity)) for p in result.points
-            ]
-            about = {"units": unit or units[readout.signal][0]}
-            about |= {"readout": readout.kind, "signal": readout.signal}
-            found[name] = ((result.parameter,), np.array(column, dtype=np.float64), about)
-    return found
 
 
 def _mode_table(
@@ -438,9 +291,5 @@ def _mode_table(
     for i, point in enumerate(result.points):
         for j, mode in enumerate(point.modes):
             figures = (mode["closed_form"] or {}) if closed else mode
-            table[i, j] = _number(figures.get(quantity))
+            table[i, j] = number(figures.get(quantity))
     return (result.parameter, "mode"), table
-
-
-def _number(value: Any) -> float:
-    return math.nan if value is None else float(value)

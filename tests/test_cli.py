@@ -211,7 +211,7 @@ def test_the_readme_prints_what_its_command_prints(capsys: pytest.CaptureFixture
 
 def test_every_option_is_in_the_readme(capsys: pytest.CaptureFixture[str]) -> None:
     text = (Path(__file__).parent.parent / "README.md").read_text(encoding="utf-8")
-    for verb in ("run", "predict", "sweep", "check", "list", "schema"):
+    for verb in ("run", "predict", "sweep", "batch", "check", "list", "schema"):
         assert main([verb, "--help"]) == 0
         for option in set(re.findall(r"--[a-z-]+", capsys.readouterr().out)) - {"--help"}:
             assert option in text, (verb, option)

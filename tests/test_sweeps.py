@@ -10,8 +10,8 @@ import pytest
 import xarray as xr
 
 import hybrid
+from hybrid.points import POINTS_PER_BATCH, _points_at_once
 from hybrid.storage import write_dataset
-from hybrid.sweeps import POINTS_PER_BATCH, _points_per_batch
 
 PATCH = """
 title: Decay
@@ -138,6 +138,6 @@ def test_a_parameter_named_like_a_variable() -> None:
 
 def test_long_points_go_to_the_workers_one_by_one(patch) -> None:
     def batch(cycle_s: float) -> int:
-        return _points_per_batch(hybrid.predict(patch, {"cycle": cycle_s}).machine)
+        return _points_at_once(hybrid.predict(patch, {"cycle": cycle_s}).machine)
 
     assert [batch(1e-2), batch(1e-6), batch(1e-9)] == [POINTS_PER_BATCH, 2, 1]

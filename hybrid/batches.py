@@ -1,0 +1,281 @@
+"""batch(patch, ...): many runs of one patch that differ in parameters, serial numbers or seeds.
+
+Stage 7. For tolerances of a make of machines, ensembles under noise, and grids over several parameters.
+Any run can be replayed alone from what the data set says of it; an interrupted batch keeps the runs
+that are done.
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from hybrid.arguments import (
+    Source,
+    check_parameter,
+    machine_of,
+    parameter_of,
+    patch_of,
+    preset_of,
+    serial_of,
+)
+from hybrid.errors import RunError, counted, shown
+from hybrid.machine import Machine
+from hybrid.patch import Patch
+from hybrid.points import (
+    MEASURED,
+    MOST_POINTS,
+    Order,
+    Point,
+    Task,
+    check_jobs,
+    counts_text,
+    measured_variables,
+    origin,
+    play_all,
+    scalar_names,
+    transients,
+)
+from hybrid.record import machine_facts
+from hybrid.runs import check_seed
+from hybrid.streams import stream
+
+if TYPE_CHECKING:
+    import pandas as pd
+    import xarray as xr
+
+# Names in the result of a batch, which the parameters that differ join.
+VARIABLES = frozenset(
+    {"run", "readout", "status", "note", "overloads", "seed", "serial"}
+    | {f"measured_{quantity}" for quantity in MEASURED}
+)
+
+Varied = Mapping[str, float | str | Iterable[float | str]]
+
+
+@dataclass(frozen=True, eq=False)
+class Batch:
+    """Runs in the order asked for; `dataset` is an xarray.Dataset over (run, readout).
+
+    `first` is the machine of the first run. `differ`: parameters that are not the same in all runs.
+    """
+
+    patch: Patch
+    orders: tuple[Order, ...]
+    points: tuple[Point, ...]  # those done, in order of index
+    first: Machine
+    differ: tuple[str, ...]
+    status: str  # 'complete' or 'interrupted'
+
+    @property
+    def machine(self) -> str:
+        """Name of the preset."""
+        return self.first.preset
+
+    def serial_of(self, point: Point) -> int:
+        """Serial number of the machine that a run was made on."""
+        serial = self.orders[point.index].serial
+        return self.first.serial if serial is None else serial
+
+    @cached_property
+    def dataset(self) -> xr.Dataset:
+        """Every run's parameters, seed and readouts; NaN where there is no answer."""
+        import xarray as xr
+
+        variables: dict[str, Any] = measured_variables(self.points, self.first, "run")
+        serials = np.array([self.serial_of(p) for p in self.points], dtype=np.int64)
+        variables["serial"] = (("run",), serials, {})
+        for name in self.differ:
+            parameter = self.patch.parameters[name]
+            values = [self.orders[p.index].parameters[name] for p in self.points]
+            about = {"units": parameter.unit}
+            variables[name] = (("run",), np.array(values) / parameter.factor, about)
+        readouts = np.array(transients(self.patch), dtype=object)
+        runs = np.array([p.index for p in self.points], dtype=np.int64)
+        facts = {"status": self.status, "parameters": json.dumps(self._shared("parameters"))}
+        facts["parameters_si"] = json.dumps(self._shared("parameters_si"))
+        facts["differ"] = json.dumps(self.differ)
+        return xr.Dataset(
+            variables, {"run": runs, "readout": readouts}, {**origin(self.first), **facts}
+        )
+
+    def _shared(self, key: str) -> dict[str, Any]:
+        """The parameters that were given once for all runs, as texts or as numbers."""
+        given = machine_facts(self.first)[key]
+        return {name: value for name, value in given.items() if name not in self.differ}
+
+    def to_pandas(self) -> pd.DataFrame:
+        """One row a run and transient (a run alone, where the patch has none)."""
+        data = self.dataset
+        return (data if data.sizes["readout"] else data.drop_dims("readout")).to_dataframe()
+
+    def figures(self) -> dict[str, tuple[np.ndarray, str]]:
+        """What each run was asked: name to (runs,) and unit; of a transient omega and zeta."""
+        data, found = self.dataset, {}
+        for j, name in enumerate(data["readout"].values.tolist()):
+            for quantity, unit in (("omega", "rad/s"), ("zeta", "")):
+                found[f"{name} {quantity}"] = (data[f"measured_{quantity}"].values[:, j], unit)
+        for readout in self.patch.readouts:
+            for variable in scalar_names(readout)[:1]:
+                found[readout.name] = (data[variable].values, data[variable].attrs["units"])
+        return found
+
+    def summary(self) -> dict[str, dict[str, Any]]:
+        """Of each figure: runs that have it, mean, standard deviation, least and largest, units."""
+        found: dict[str, dict[str, Any]] = {}
+        for name, (values, units) in self.figures().items():
+            known = values[np.isfinite(values)]
+            one, many = len(known) > 0, len(known) > 1
+            found[name] = {
+                "runs": len(known),
+                "mean": float(np.mean(known)) if one else None,
+                "std": float(np.std(known, ddof=1)) if many else None,
+                "minimum": float(known.min()) if one else None,
+                "maximum": float(known.max()) if one else None,
+                "units": units,
+            }
+        return found
+
+    def to_dict(self) -> dict[str, Any]:
+        """Everything as plain data; parameters in SI."""
+        facts = machine_facts(self.first)
+        return {
+            **{key: facts[key] for key in ("patch", "title", "machine")},
+            "parameters": self._shared("parameters"),
+            "parameters_si": self._shared("parameters_si"),
+            "status": self.status,
+            "summary": self.summary(),
+            "runs": [
+                {
+                    "run": p.index,
+                    "parameters_si": {n: self.orders[p.index].parameters[n] for n in self.differ},
+                    "serial": self.serial_of(p),
+                    "seed": p.seed,
+                    "readouts": p.measured,
+                    "status": p.status,
+                    "note": p.remarks,
+                    "overloads": p.overloads,
+                }
+                for p in self.points
+            ],
+        }
+
+    def __repr__(self) -> str:
+        lines = [
+            f"<Batch {self.patch.title!r} on {self.machine!r}: {len(self.points)} of "
+            f"{counted(len(self.orders), 'run')}, {counts_text(self.points)}, {self.status}>"
+        ]
+        for name, about in self.summary().items():
+            if about["runs"]:
+                spread = f" +- {about['std']:.3g}" if about["std"] is not None else ""
+                lines.append(f"  {name}: {about['mean']:.9g}{spread} {about['units']}".rstrip())
+        return "\n".join(lines)
+
+
+def batch(
+    patch: Source,
+    parameters: Varied | None = None,
+    *,
+    runs: int | None = None,
+    machine: str | None = None,
+    serial: int | Iterable[int | None] | None = None,
+    seed: int | Iterable[int] = 0,
+    jobs: int | None = None,
+    progress: Callable[[float], None] | None = None,
+) -> Batch:
+    """Run the patch many times.
+
+    Args: patch: a patch, or the file or shipped name of one; parameters: each one value for all runs
+    (an SI number or a text with a unit) or one value for each; serial: which machine of the make, or
+    one for each run; seed: of each run, or one that gives every run noise of its own; runs: how many,
+    where nothing else says so; machine: preset name; jobs: worker processes (default: all cores);
+    progress: called with the fraction done. Lists must be of one length. A run that cannot be made or
+    measured is kept with its reason. Raises PatchError or RunError where the first run could not be
+    made at all, and for lists that do not fit.
+    """
+    patch = patch_of(patch)
+    orders, differ = orders_of(patch, parameters or {}, runs, serial, seed)
+    first = check_batch(patch, orders, differ, machine, jobs)
+    task = Task(patch, preset_of(machine), predicts=False)
+    points, status = play_all(task, orders, first, jobs, progress)
+    return Batch(patch, orders, points, first, differ, status)
+
+
+def check_batch(
+    patch: Patch,
+    orders: Sequence[Order],
+    differ: Sequence[str],
+    machine: str | None = None,
+    jobs: int | None = None,
+) -> Machine:
+    """Raise PatchError or RunError for what would stop the first run; gives its machine."""
+    scalars = {name for r in patch.readouts for name in scalar_names(r)}
+    for name in differ:
+        if name in VARIABLES | scalars:
+            raise RunError(
+                f"the parameter {name} cannot differ: the result has a variable of that name; "
+                "rename the parameter"
+            )
+    check_jobs(jobs)
+    return machine_of(patch, orders[0].parameters, machine, orders[0].serial)
+
+
+def orders_of(
+    patch: Patch,
+    parameters: Varied,
+    runs: int | None,
+    serial: int | Iterable[int | None] | None,
+    seed: int | Iterable[int],
+) -> tuple[tuple[Order, ...], tuple[str, ...]]:
+    """What to run, and the names of the parameters that differ. Raises PatchError and RunError."""
+    columns = {name: _column(values) for name, values in parameters.items()}
+    for name in columns:
+        check_parameter(patch, name)
+    serials, seeds = _column(serial), _column(seed)
+    listed = [*columns.items(), ("serial", serials), ("seed", seeds)]
+    count = _count(runs, [(name, len(column)) for name, column in listed if column is not None])
+
+    def at(column: list[Any] | None, whole: Any, index: int) -> Any:
+        return whole if column is None else column[index]
+
+    def order(index: int) -> Order:
+        values = {
+            name: parameter_of(patch, name, at(column, parameters[name], index))
+            for name, column in columns.items()
+        }
+        own = at(seeds, seed, index)
+        if seeds is None:
+            own = int(stream(check_seed(own), "batch", str(index)).integers(2**53))
+        return Order(index, values, serial_of(at(serials, serial, index)), check_seed(own))
+
+    differ = tuple(name for name, column in columns.items() if column is not None)
+    return tuple(order(i) for i in range(count)), differ
+
+
+def _column(values: Any) -> list[Any] | None:
+    """A value for each run, or None where there is one for all."""
+    if isinstance(values, str) or not isinstance(values, Iterable):
+        return None
+    return list(values) if getattr(values, "ndim", 1) == 1 else None
+
+
+def _count(runs: int | None, lengths: Sequence[tuple[str, int]]) -> int:
+    """How many runs the lists, or else `runs`, ask for."""
+    found = {n for _, n in lengths} | ({runs} if runs is not None else set())
+    if not found:
+        raise RunError("nothing says how many runs to make: give runs, or a list of values")
+    if len(found) > 1:
+        parts = [f"{name} has {counted(n, 'value')}" for name, n in lengths]
+        parts += [f"runs is {runs}"] if runs is not None else []
+        raise RunError(f"lists of a batch must be of one length: {', '.join(parts)}")
+    (count,) = found
+    if not isinstance(count, int) or isinstance(count, bool) or not 1 <= count <= MOST_POINTS:
+        raise RunError(
+            f"a batch has {shown(count)} runs; it must be a whole number from 1 to {MOST_POINTS}"
+        )
+    return count

@@ -1,0 +1,245 @@
+"""Many runs of one patch, on all cores: what sweeps and batches are made of.
+
+Stage 7. Runs are independent; each has its own seed, kept in the result, so that any one can be
+replayed alone. Where they are interrupted, those that are done are kept.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from hybrid.arguments import whole_number
+from hybrid.compiler import compile_patch
+from hybrid.errors import HybridError, RunError
+from hybrid.interrupts import deaf_children
+from hybrid.machine import Machine
+from hybrid.patch import Patch, Readout
+from hybrid.prediction import predict_machine
+from hybrid.record import patch_hash, signal_units, versions_text
+from hybrid.runs import run
+
+MOST_POINTS = 1_000_000
+# Points handed to a worker at once: enough to hide the hand-over, few enough to share evenly.
+POINTS_PER_BATCH = 20
+# Cycles (or rows) that are handed over at most: a second's work or so.
+STEPS_PER_BATCH = 2_000_000
+# Below this many points starting workers takes longer than the work.
+FEWEST_FOR_WORKERS = 40
+MOST_JOBS = 1000
+
+MEASURED = ("omega", "omega_damped", "zeta", "omega_error", "omega_damped_error", "zeta_error")
+TIMED = ("final", "maximum", "minimum")  # readouts that give a time with their value
+
+Variable = tuple[tuple[str, ...], Any, dict[str, str]]
+
+
+@dataclass(frozen=True, slots=True)
+class Order:
+    """One run to be made: its parameters in SI, serial number (None: the patch's) and seed."""
+
+    index: int
+    parameters: dict[str, float]
+    serial: int | None
+    seed: int
+
+
+@dataclass(frozen=True, slots=True)
+class Point:
+    """One run: what was measured and, if asked for, predicted, or why not."""
+
+    index: int
+    measured: dict[str, dict[str, Any]]
+    modes: tuple[dict[str, Any], ...]
+    status: str  # as of a run, or 'failed'
+    note: str
+    overloads: int
+    seed: int
+
+    @property
+    def has_result(self) -> bool:
+        """Whether any of the point's readouts has figures (of a patch without any: it was run)."""
+        reasons = [quantities.get("reason") for quantities in self.measured.values()]
+        return self.status != "failed" and not (reasons and all(reasons))
+
+    @property
+    def remarks(self) -> str:
+        """The note, and why readouts have no figures."""
+        reasons = [f"{n}: {q['reason']}" for n, q in self.measured.items() if q.get("reason")]
+        return "; ".join(dict.fromkeys(text for text in (self.note, *reasons) if text))
+
+
+@dataclass(frozen=True, slots=True)
+class Task:
+    """What all runs share; travels to the workers. `predicts`: the modes are asked for, too."""
+
+    patch: Patch
+    machine: str | None
+    predicts: bool
+
+    def points(self, orders: Sequence[Order]) -> list[Point]:
+        """The runs, one after the other."""
+        return [self.point(order) for order in orders]
+
+    def point(self, order: Order) -> Point:
+        """Run, read out and predict."""
+        try:
+            compiled = compile_patch(self.patch, order.parameters, self.machine, order.serial)
+            modes, note = self._modes(compiled)
+            result = run(compiled, seed=order.seed, readouts_only=True)
+            if result.status == "interrupted":  # half a run says nothing; all ends here
+                raise KeyboardInterrupt
+        except HybridError as error:
+            return Point(order.index, {}, (), "failed", str(error), 0, order.seed)
+        notes = "; ".join(n for n in (note, result.status_note) if n)
+        overloads = len(result.overloads)
+        return Point(
+            order.index, result.readouts, modes, result.status, notes, overloads, order.seed
+        )
+
+    def _modes(self, compiled: Machine) -> tuple[tuple[dict[str, Any], ...], str]:
+        if not self.predicts:
+            return (), ""
+        try:
+            return tuple(predict_machine(compiled).to_dicts()), ""
+        except RunError as error:
+            return (), f"no prediction: {error}"
+
+
+def check_jobs(jobs: int | None) -> None:
+    """Raise RunError for a number of worker processes that is none."""
+    if jobs is not None:
+        whole_number("jobs", jobs, 1, MOST_JOBS)
+
+
+def play_all(
+    task: Task,
+    orders: Sequence[Order],
+    first: Machine,
+    jobs: int | None = None,
+    progress: Callable[[float], None] | None = None,
+) -> tuple[tuple[Point, ...], str]:
+    """Make all runs; the points by index, and 'complete' or 'interrupted'.
+
+    first: one of the machines, which tells how long a run is; jobs: worker processes (default: all
+    cores); progress: called with the fraction done.
+    """
+    points: list[Point] = []
+    status = "complete"
+    try:
+        for done in _handfuls(task, orders, jobs, _points_at_once(first)):
+            points.extend(done)
+            if progress:
+                progress(len(points) / len(orders))
+    except KeyboardInterrupt:
+        status = "interrupted"
+    return tuple(sorted(points, key=lambda point: point.index)), status
+
+
+def _points_at_once(first: Machine) -> int:
+    """Few where a run takes long: an interrupt loses those that are under way."""
+    timing = first.timing
+    steps = timing.until // min(t for t in (timing.period, timing.every) if t)
+    return max(1, min(POINTS_PER_BATCH, STEPS_PER_BATCH // max(steps, 1)))
+
+
+def _handfuls(
+    task: Task, orders: Sequence[Order], jobs: int | None, most: int
+) -> Iterator[list[Point]]:
+    """Points, at most `most` at once, from all cores or wherever joblib works (a Dask cluster too).
+
+    Costly runs (short cycles) are spread over the handfuls.
+    """
+    if len(orders) < FEWEST_FOR_WORKERS or jobs == 1:
+        for order in orders:
+            yield task.points([order])
+        return
+    import joblib
+
+    count = -(-len(orders) // most)
+    parallel = joblib.Parallel(n_jobs=jobs or -1, return_as="generator_unordered")
+    with deaf_children():
+        handfuls = parallel(joblib.delayed(task.points)(orders[i::count]) for i in range(count))
+    yield from handfuls
+
+
+def counts_text(points: Sequence[Point]) -> str:
+    """'2 without a result, 1 failed': what became of the points, those that are no news left out."""
+    counts = {
+        "without a result": sum(not p.has_result for p in points),
+        "failed": sum(p.status == "failed" for p in points),
+        "stopped early": sum(p.status == "stopped" for p in points),
+        "with overloads": sum(p.overloads > 0 for p in points),
+    }
+    return ", ".join(f"{n} {what}" for what, n in counts.items() if n or "result" in what)
+
+
+# -- the points as variables of a data set ----------------------------------------------------------
+
+
+def number(value: Any) -> float:
+    """A figure, or NaN where there is none."""
+    return math.nan if value is None else float(value)
+
+
+def transients(patch: Patch) -> list[str]:
+    """Names of the readouts that have a frequency and a damping ratio."""
+    return sorted(r.name for r in patch.readouts if r.kind == "transient")
+
+
+def measured_variables(points: Sequence[Point], first: Machine, along: str) -> dict[str, Variable]:
+    """What was read out and what became of each run, over dimension `along`."""
+    readouts = transients(first.patch)
+    found: dict[str, Variable] = {}
+    for quantity in MEASURED:
+        table = np.full((len(points), len(readouts)), np.nan)
+        for i, point in enumerate(points):
+            for j, name in enumerate(readouts):
+                table[i, j] = number(point.measured.get(name, {}).get(quantity))
+        unit = {"units": "" if quantity.startswith("zeta") else "rad/s"}
+        found[f"measured_{quantity}"] = ((along, "readout"), table, unit)
+    found |= _scalar_variables(points, first, along)
+    texts = {"status": [p.status for p in points], "note": [p.remarks for p in points]}
+    for fact, lines in texts.items():
+        found[fact] = ((along,), np.array(lines, dtype=object), {})
+    found["overloads"] = ((along,), np.array([p.overloads for p in points], dtype=int), {})
+    found["seed"] = ((along,), np.array([p.seed for p in points], dtype=np.int64), {})
+    return found
+
+
+def scalar_names(readout: Readout) -> tuple[str, ...]:
+    """Variables that a readout other than a transient fills."""
+    if readout.kind == "transient":
+        return ()
+    timed = (f"time_{readout.name}",) if readout.kind in TIMED else ()
+    return (f"value_{readout.name}", *timed)
+
+
+def _scalar_variables(points: Sequence[Point], first: Machine, along: str) -> dict[str, Variable]:
+    """Value, in the unit of its signal, and time of every readout that is no transient."""
+    units = signal_units(first)
+    found: dict[str, Variable] = {}
+    for readout in first.patch.readouts:
+        for name in scalar_names(readout):
+            quantity, unit = ("time_s", "s") if name.startswith("time_") else ("value", "")
+            column = [number(p.measured.get(readout.name, {}).get(quantity)) for p in points]
+            about = {"units": unit or units[readout.signal][0]}
+            about |= {"readout": readout.kind, "signal": readout.signal}
+            found[name] = ((along,), np.array(column, dtype=np.float64), about)
+    return found
+
+
+def origin(first: Machine) -> dict[str, str]:
+    """Attributes that say where a data set comes from."""
+    patch = first.patch
+    return {
+        "title": patch.title,
+        "patch": patch.file,
+        "patch_hash": patch_hash(patch),
+        "machine": first.preset,
+        "versions": versions_text(),
+    }

@@ -1,0 +1,202 @@
+"""Batches: which runs are made, that each can be replayed, and how drawn errors spread."""
+
+from __future__ import annotations
+
+import itertools
+import json
+import math
+from pathlib import Path
+
+import numpy as np
+import pytest
+import xarray as xr
+
+import hybrid
+from hybrid.cli import main
+from hybrid.storage import write_dataset
+
+PATCH = """
+title: Decay
+machine: {preset: lags, tolerance: 1e-4, noise: 1e-3}
+parameters: {rate: 1 1/s, cycle: 10 ms, tall: 1 V}
+analog:
+  x: {integrate: {x: -rate}, initial: tall, full_scale: 1 V}
+  y: {sum: {x: 0.5}, full_scale: 1 V}
+interface: {s: {adc: x}}
+digital: {period: cycle, program: {w: s}}
+run: {until: 0.5 s}
+readouts:
+  end: {final: x}
+  half: {final: y}
+  mode: {transient: x}
+"""
+# Nothing but a source and a gain: what is read is the gain.
+GAIN = """
+title: Gain
+machine: {preset: ideal, tolerance: 1e-3}
+analog:
+  one: {constant: 1 V, full_scale: 2 V, tolerance: 0}
+  two: {sum: {one: 2}, full_scale: 2 V}
+run: {until: 1 ms, every: 1 ms}
+readouts: {out: {final: two}}
+"""
+
+
+@pytest.fixture(scope="module")
+def patch() -> hybrid.patch.Patch:
+    return hybrid.parse_patch(PATCH, "decay.yaml")
+
+
+@pytest.fixture(scope="module")
+def result(patch) -> hybrid.batches.Batch:
+    return hybrid.batch(
+        patch, {"rate": [0.5, "1 1/s", 2.0], "cycle": "5 ms"}, serial=[1, 2, 7], seed=3
+    )
+
+
+def test_every_run_can_be_replayed_alone(result, patch) -> None:
+    data = result.dataset
+    for i, rate in enumerate((0.5, 1.0, 2.0)):
+        seed, serial = int(data["seed"][i]), int(data["serial"][i])
+        alone = hybrid.run(patch, {"rate": rate, "cycle": 5e-3}, seed=seed, serial=serial)
+        assert result.points[i].measured == alone.readouts
+        assert data["value_end"].values[i] == alone.readouts["end"]["value"]
+    assert data["serial"].values.tolist() == [1, 2, 7]
+    assert len(set(data["seed"].values.tolist())) == 3
+
+
+def test_many_workers_give_the_same_runs(patch) -> None:
+    serials = range(60)
+    alone, shared = (hybrid.batch(patch, serial=serials, jobs=jobs) for jobs in (1, 2))
+    assert alone.points == shared.points
+    assert [p.index for p in shared.points] == list(serials)
+
+
+def test_the_data_say_where_they_come_from(result, patch, tmp_path: Path) -> None:
+    write_dataset(result.dataset, tmp_path / "a.nc")
+    with xr.open_dataset(tmp_path / "a.nc") as stored:
+        stored.load()
+    assert stored.attrs["patch_hash"] == hybrid.run(patch).record.attrs["patch_hash"]
+    assert json.loads(stored.attrs["parameters"]) == {"cycle": "5 ms", "tall": "1 V"}
+    assert json.loads(stored.attrs["differ"]) == ["rate"]
+    assert stored["rate"].values.tolist() == [0.5, 1.0, 2.0]
+    assert stored["rate"].attrs["units"] == "1/s"
+    assert stored["value_half"].attrs["units"] == "V"
+    assert result.to_pandas().index.names == ["run", "readout"]
+    assert "3 of 3 runs" in repr(result)
+
+
+def test_tolerances_fill_their_range_evenly() -> None:
+    count, limit = 400, 1e-3
+    found = hybrid.batch(hybrid.parse_patch(GAIN), serial=range(count))
+    errors = np.sort(found.dataset["value_out"].values / 2.0 - 1.0)
+    assert np.all(np.abs(errors) <= limit * (1 + 1e-12))
+    # Kolmogorov and Smirnov: the largest distance from the line, at a level of 1e-6.
+    line = 0.5 + errors / (2 * limit)
+    distance = np.max(np.abs(line - (np.arange(count) + 0.5) / count)) + 0.5 / count
+    assert distance < math.sqrt(math.log(2 / 1e-6) / (2 * count))
+    about = found.summary()["out"]
+    assert about["runs"] == count
+    assert about["std"] == pytest.approx(2 * limit / math.sqrt(3), rel=0.15)  # 4 sigma of it
+
+
+def test_a_run_that_cannot_be_made_is_kept_with_its_reason(patch) -> None:
+    found = hybrid.batch(patch, {"cycle": [0.01, -1.0, 0.02]})
+    assert [p.status for p in found.points] == ["complete", "failed", "complete"]
+    assert "cycle" in found.points[1].note or "period" in found.points[1].note
+    assert math.isnan(found.dataset["value_end"].values[1])
+    assert "1 failed" in repr(found)
+
+
+REFUSED = {
+    "nothing to do": ({}, {}, "how many runs"),
+    "lengths": ({"rate": [1.0, 2.0]}, {"serial": [1, 2, 3]}, "rate has 2 values, serial has 3"),
+    "runs": ({"rate": [1.0, 2.0]}, {"runs": 3}, "runs is 3"),
+    "no runs": ({}, {"runs": 0}, "from 1 to"),
+    "half a run": ({}, {"runs": 1.5}, "from 1 to"),
+    "empty": ({"rate": []}, {}, "from 1 to"),
+    "unknown": ({"rte": [1.0]}, {}, "did you mean 'rate'"),
+    "unit": ({"rate": ["1 V"]}, {}, "does not fit"),
+    "serial": ({}, {"serial": [1, -2]}, "serial is -2"),
+    "seed": ({}, {"runs": 2, "seed": "x"}, "seed is 'x'"),
+    "seeds": ({}, {"seed": [1, 0.5]}, "seed is 0.5"),
+    "jobs": ({}, {"runs": 2, "jobs": 0}, "jobs is 0"),
+    "machine": ({}, {"runs": 2, "machine": "best"}, "unknown machine"),
+}
+
+
+@pytest.mark.parametrize("case", REFUSED)
+def test_what_does_not_fit_is_refused(patch, case: str) -> None:
+    parameters, options, said = REFUSED[case]
+    with pytest.raises(hybrid.HybridError, match=said):
+        hybrid.batch(patch, parameters, **options)
+
+
+def test_a_parameter_must_not_hide_a_variable() -> None:
+    renamed = hybrid.parse_patch(PATCH.replace("rate: 1", "serial: 1").replace("-rate", "-serial"))
+    with pytest.raises(hybrid.RunError, match="rename the parameter"):
+        hybrid.batch(renamed, {"serial": [1.0, 2.0]})
+
+
+# -- the command ------------------------------------------------------------------------------------
+
+RUN = {"run", "parameters_si", "serial", "seed", "readouts", "status", "note", "overloads"}
+BATCH = {"patch", "title", "machine", "parameters", "parameters_si", "status", "summary", "runs"}
+ABOUT = {"runs", "mean", "std", "minimum", "maximum", "units"}
+
+
+@pytest.fixture
+def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    monkeypatch.chdir(tmp_path)
+    Path("decay.yaml").write_text(PATCH)
+    return tmp_path
+
+
+def test_every_combination_is_run(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    ranges = ["--over", "rate=1:2:2", "--over", "tall=0.5 V:1 V:2"]
+    options = [*ranges, "--serials", "3:4", "--runs", "2", "--seed", "5", "--json"]
+    assert main(["batch", "decay.yaml", *options]) == 0
+    found = json.loads(capsys.readouterr().out)
+    assert found.keys() == BATCH | {"files"}
+    assert found["files"] == ["out/decay_batch.nc", "out/decay_batch.png"]
+    assert all(run.keys() == RUN for run in found["runs"])
+    assert all(about.keys() == ABOUT for about in found["summary"].values())
+    made = [(*run["parameters_si"].values(), run["serial"]) for run in found["runs"]]
+    assert made == [
+        row for row in itertools.product((1.0, 2.0), (0.5, 1.0), (3, 4)) for _ in range(2)
+    ]
+    values = [run["readouts"]["end"]["value"] for run in found["runs"]]
+    assert values[0] != values[1]  # noise of its own
+    assert found["parameters"] == {"cycle": "10 ms"}
+
+
+def test_the_table_and_the_chart(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["batch", "decay.yaml", "--runs", "3", "--out", "b.nc"]) == 0
+    said = capsys.readouterr().out
+    assert "3 of 3 runs" in said
+    assert "mode omega rad/s" in said  # a decay has none, and the table says of how many runs
+    assert Path("b.png").read_bytes().startswith(b"\x89PNG")
+    assert main(["batch", "decay.yaml", "--over", "rate=1:2:4", "--out", "c.nc"]) == 0
+    assert Path("c.png").exists()
+
+
+@pytest.mark.parametrize(
+    ("options", "said"),
+    [
+        ([], "needs --over, --serials or --runs"),
+        (["--serials", "5"], "must be FIRST:LAST"),
+        (["--serials", "5:4"], "must not be below FIRST"),
+        (["--serials", "1:2", "--serial", "3"], "either --serial or --serials"),
+        (["--runs", "0"], "--runs is 0"),
+        (["--over", "rate=1:2:2", "--over", "rate=1:2:2"], "swept twice"),
+        (["--over", "rate=1:2:2", "--set", "rate=1"], "both set and swept"),
+        (["--over", "rate=1:2:1000000", "--runs", "2"], "too many"),
+        (["--runs", "2", "--out", "b.csv"], "ending in .nc"),
+    ],
+)
+def test_slips_of_the_pen(
+    folder: Path, capsys: pytest.CaptureFixture[str], options: list[str], said: str
+) -> None:
+    assert main(["batch", "decay.yaml", *options]) == 2
+    assert said in capsys.readouterr().err
+    assert sorted(p.name for p in folder.iterdir()) == ["decay.yaml"]
