@@ -1,7 +1,8 @@
 """check(patch): what an operator looks at before the first run.
 
-Stage 7. Scaling, potentiometer settings, the static check (every component's value at t = 0), the
-loops, and which prediction applies. Compiling the patch is itself the full validation.
+Stage 7. Scaling by a trial run, potentiometer settings, parts, the static check (every component's value
+at t = 0), the rate test, the loops, and which prediction applies. Compiling the patch is itself the full
+validation.
 """
 
 from __future__ import annotations
@@ -13,6 +14,8 @@ from typing import TYPE_CHECKING, Any
 from hybrid import coupling
 from hybrid.arguments import Parameters, Source, machine_of
 from hybrid.components import CATALOG
+from hybrid.elements import INTEGRATE
+from hybrid.equipment import Part, RateRow, count_parts, rate_test
 from hybrid.errors import counted
 from hybrid.graph import simple_loops
 from hybrid.linearity import NotLinear
@@ -23,6 +26,7 @@ from hybrid.record import full_scales, machine_facts, signal_units
 from hybrid.runs import check_windows, thinning, thinning_text
 from hybrid.scale import to_seconds, to_ticks
 from hybrid.timeline import build_timeline
+from hybrid.trial import Trial, Use, try_out, uses
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -33,7 +37,7 @@ MOST_LOOPS = 50
 @dataclass(frozen=True, slots=True)
 class ScaleRow:
     """One analog signal: what it is, its full scale, its value at t = 0 and, where it integrates,
-    its rate at t = 0 in machine units a second."""
+    its rate at t = 0 in machine units a second; what the trial run showed of it (see `trial.Use`)."""
 
     signal: str
     kind: str
@@ -42,6 +46,10 @@ class ScaleRow:
     value: float
     value_mu: float
     rate_mu: float | None
+    largest: float | None = None
+    used: float | None = None
+    proposed: float | None = None
+    remark: str = ""
 
 
 @dataclass(frozen=True, slots=True)
@@ -88,11 +96,14 @@ class Loop:
 
 @dataclass(frozen=True, eq=False)
 class Check:
-    """The findings: scaling and static check, potentiometers, converters, loops, prediction, and what
-    is valid but hardly meant (`warnings`)."""
+    """The findings: scaling and static check, potentiometers, parts, rate test, converters, loops,
+    prediction, and what is valid but hardly meant (`warnings`); `trial` None: there was none."""
 
     machine: Machine
+    trial: Trial | None
     scaling: tuple[ScaleRow, ...]
+    rates: tuple[RateRow, ...]
+    parts: tuple[Part, ...]
     pots: tuple[PotRow, ...]
     converters: tuple[ConverterRow, ...]
     loops: tuple[Loop, ...]
@@ -104,7 +115,10 @@ class Check:
         """Everything as plain data."""
         return {
             **machine_facts(self.machine),
+            "trial": self.trial.to_dict() if self.trial else None,
             "scaling": [asdict(row) for row in self.scaling],
+            "rate_test": [asdict(row) for row in self.rates],
+            "parts": [asdict(part) for part in self.parts],
             "potentiometers": [asdict(row) for row in self.pots],
             "converters": [{**asdict(row), "remark": row.remark} for row in self.converters],
             "loops": [asdict(loop) for loop in self.loops],
@@ -127,6 +141,8 @@ class Check:
             f"  {row.signal} ({row.kind}): full scale {row.full_scale:.6g} {row.units}".rstrip()
             + f"; {row.value + 0.0:.6g} {row.units}".rstrip()
             + " at t = 0"
+            + (f"; {row.remark}" if row.remark else "")
+            + (f"; {row.proposed:g} would do" if row.remark and row.proposed else "")
             for row in self.scaling
         ]
         lines += [f"  {row.converter} ({row.kind}): {row.remark}" for row in self.converters]
@@ -141,21 +157,29 @@ def check(
     *,
     machine: str | None = None,
     serial: int | None = None,
+    trial: bool = True,
 ) -> Check:
-    """Compile the patch and report what an operator checks.
+    """Compile the patch, try it out, and report what an operator checks.
 
     Args: patch: a patch, the file or shipped name of one, or a compiled machine; parameters: SI
-    numbers or texts with units. Raises PatchError and RunError for what is wrong.
+    numbers or texts with units; trial: make a trial run, of some seconds at most. Raises PatchError and
+    RunError for what is wrong.
     """
     compiled = machine_of(patch, parameters, machine, serial)
     check_windows(compiled)
     timeline = build_timeline(compiled)
     events = f"{counted(timeline.cycles, 'cycle')}, {counted(timeline.rows, 'row')} of the record"
     thinned = thinning_text(thinning(compiled, timeline.rows))
+    tried = try_out(compiled) if trial else None
+    values, rates = _settled(compiled)
+    pots = _pots(compiled)
     return Check(
         compiled,
-        _scaling(compiled),
-        _pots(compiled),
+        tried,
+        _scaling(compiled, values, rates, uses(compiled, tried)),
+        rate_test(compiled, rates, tried),
+        count_parts(compiled, pots),
+        pots,
         _converters(compiled),
         _loops(compiled),
         _which_prediction(compiled),
@@ -191,10 +215,11 @@ def _warnings(machine: Machine) -> tuple[str, ...]:
     return tuple(found)
 
 
-def _scaling(machine: Machine) -> tuple[ScaleRow, ...]:
+def _scaling(
+    machine: Machine, values: list[float], rates: dict[str, float], used: dict[str, Use]
+) -> tuple[ScaleRow, ...]:
     units, scales = signal_units(machine), full_scales(machine)
     kinds = {c.name: c.kind for c in machine.patch.components}
-    values, rates = _settled(machine)
     return tuple(
         ScaleRow(
             name,
@@ -204,6 +229,10 @@ def _scaling(machine: Machine) -> tuple[ScaleRow, ...]:
             value * scales[name],
             value,
             rates[name] if kinds.get(name) == "integrate" else None,
+            used[name].largest,
+            used[name].used,
+            used[name].proposed,
+            used[name].remark,
         )
         for name, value in zip(machine.analog.signals, values, strict=True)
     )
@@ -215,7 +244,11 @@ def _settled(machine: Machine) -> tuple[list[float], dict[str, float]]:
     if machine.elements:
         from hybrid.engine.windows import settled  # takes long to load
 
-        return settled(machine)
+        values, drives = settled(machine)
+        for name, element in machine.elements:
+            if element.kind == INTEGRATE:  # its leak is no input
+                drives[name] += element.figures[0] * element.initial
+        return values, drives
     found = (analog.a @ analog.x0 + analog.b @ analog.u0).tolist()
     rates = dict(zip(analog.states, found, strict=True))
     cores = {s.removesuffix(":core"): rate for s, rate in rates.items() if s.endswith(":core")}

@@ -303,13 +303,17 @@ def _coupling_chart(result: Sweep, path: Path) -> str:
 def check_command(options: argparse.Namespace) -> int:
     """hybrid check."""
     patch, parameters = patch_and_parameters(options)
+    from hybrid.arguments import machine_of
     from hybrid.checks import check
 
-    result = check(patch, parameters, machine=options.machine, serial=options.serial)
+    machine = machine_of(patch, parameters, options.machine, options.serial)
+    if not options.no_trial or machine.elements:
+        say_if_compiling(machine)
+    result = check(machine, trial=not options.no_trial)
     if options.json:
         print_json(**result.to_dict())
     else:
-        from hybrid.show import show_check
+        from hybrid.show_check import show_check
 
         show_check(console(), result)
     return 0

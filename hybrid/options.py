@@ -63,7 +63,7 @@ def parser() -> argparse.ArgumentParser:
     _predict(_verb(verbs, "predict", "exact modes and closed forms, without a run"))
     _sweep(_verb(verbs, "sweep", "measure and predict over a range of one parameter"))
     _batch(_verb(verbs, "batch", "many runs: machines of a make, noise, several parameters"))
-    _verb(verbs, "check", "validate a patch; scaling, potentiometers, static check")
+    _check(_verb(verbs, "check", "validate a patch; scaling, potentiometers, static check"))
     doc = "the patch diagram with the customary symbols"
     _draw(verbs.add_parser("draw", help=doc, description=doc))
     listing = verbs.add_parser("list", help="the patches that ship")
@@ -125,6 +125,10 @@ def _predict(made: argparse.ArgumentParser) -> None:
     made.add_argument(
         "--max-damping-error", type=float, metavar="X", help="find the largest T that keeps below X"
     )
+
+
+def _check(made: argparse.ArgumentParser) -> None:
+    made.add_argument("--no-trial", action="store_true", help="leave the trial run out")
 
 
 def _sweep(made: argparse.ArgumentParser) -> None:

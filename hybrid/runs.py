@@ -129,7 +129,7 @@ def run(
     timeline = build_timeline(compiled)
     keep_every = thinning(compiled, timeline.rows)
     pens = pens_for(compiled, readouts_only)
-    player = _player_of(compiled)(compiled, timeline, pens, seed, keep_every)
+    player = player_of(compiled)(compiled, timeline, pens, seed, keep_every)
     status, note = _play(player, progress)
     every_s = to_seconds(compiled.timing.every * keep_every)
     period = compiled.timing.period
@@ -155,7 +155,7 @@ def run(
     return result
 
 
-def _player_of(machine: Machine) -> type[Player]:
+def player_of(machine: Machine) -> type[Player]:
     """The engine for a machine: exact where the analog side is linear."""
     if not machine.elements:
         return Player
@@ -206,6 +206,11 @@ def _play(player: Player, progress: Progress | None) -> tuple[str, str]:
                 progress(done)
     except KeyboardInterrupt:
         return "interrupted", f"interrupted at {player.done_s:.6g} s; the record ends there"
+    return ending(player)
+
+
+def ending(player: Player) -> tuple[str, str]:
+    """Status and note of a run that has come to its end, or could not go on."""
     if player.outcome == kernel.RUNAWAY:
         return "stopped", (
             f"stopped at {player.done_s:.6g} s: a signal went beyond {kernel.RUNAWAY_MU:.0e} times "

@@ -12,7 +12,6 @@ from rich.table import Table
 
 from hybrid.batches import Batch
 from hybrid.beside import mode_beside
-from hybrid.checks import Check
 from hybrid.errors import counted
 from hybrid.points import Point
 from hybrid.prediction import Prediction
@@ -256,68 +255,6 @@ def some_rows(count: int, most: int) -> list[int]:
     """Evenly spread rows out of `count`, about `most` of them, the last one always among them."""
     step = max(1, -(-count // most))
     return sorted({*range(0, count, step), count - 1}) if count else []
-
-
-def show_check(console: Console, check: Check) -> None:
-    """Scaling and static check, potentiometers, loops, prediction."""
-    machine = check.machine
-    console.print(f"[bold]{escape(machine.patch.title)}[/] on machine {machine.preset}: valid")
-    console.print(check.events)
-    for warning in check.warnings:
-        console.print(f"warning: {warning}", style="yellow", markup=False)
-    rows = [
-        (
-            r.signal,
-            r.kind,
-            f"{figure(r.full_scale, 6)} {r.units}".strip(),
-            figure(r.value, 6),
-            figure(r.value_mu, 6),
-            figure(r.rate_mu, 6),
-        )
-        for r in check.scaling
-    ]
-    columns = ("signal", "kind", "full scale", "at t = 0", "machine units", "rate 1/s")
-    show_table(console, "Scaling and static check", columns, rows, texts=2)
-    settings = [
-        (
-            p.component,
-            p.input,
-            f"{p.setting:.4f}",
-            str(p.gain),
-            "inverted" if p.inverted else "",
-            figure(p.coefficient_mu, 6),
-        )
-        for p in check.pots
-    ]
-    headings = ("component", "input", "setting", "gain", "", "coefficient")
-    show_table(console, "Potentiometers", headings, settings, texts=2)
-    _show_converters(console, check)
-    loops = [
-        (" -> ".join(loop.path), figure(loop.lag_s, 4), "sampled" if loop.sampled else "analog")
-        for loop in check.loops
-    ]
-    if loops:
-        show_table(console, "Loops", ("path", "sum of lags s", ""), loops, wrap=True)
-    console.print(f"Prediction: {escape(check.prediction)}")
-
-
-def _show_converters(console: Console, check: Check) -> None:
-    if not check.converters:
-        return
-    rows = [
-        (
-            row.converter,
-            row.kind,
-            row.converts,
-            str(row.bits or "-"),
-            f"{figure(row.range, 6)} {row.units}".strip(),
-            "-" if row.step is None else figure(row.step, 4),
-            row.remark,
-        )
-        for row in check.converters
-    ]
-    columns = ("converter", "", "converts", "bits", "range", "step", "on this machine")
-    show_table(console, "Converters", columns, rows, texts=3)
 
 
 def show_list(console: Console, titles: Mapping[str, tuple[str, str]]) -> None:

@@ -79,7 +79,10 @@ OVERLOAD |= {"full_scale", "duration_s"}
 SWEEP = (ABOUT - {"cycle_s"}) | {"over", "seed", "status", "points", "files"}
 POINT = {"value", "readouts", "modes", "status", "note", "overloads", "seed"}
 CHECK = ABOUT | {
+    "trial",
     "scaling",
+    "rate_test",
+    "parts",
     "potentiometers",
     "converters",
     "loops",
@@ -88,11 +91,15 @@ CHECK = ABOUT | {
     "warnings",
 }
 ROWS = {
-    "scaling": {"signal", "kind", "full_scale", "units", "value", "value_mu", "rate_mu"},
+    "scaling": {"signal", "kind", "full_scale", "units", "value", "value_mu", "rate_mu"}
+    | {"largest", "used", "proposed", "remark"},
+    "rate_test": {"integrator", "rate_mu", "first_mu", "gain_error", "drift_mu"},
+    "parts": {"part", "count"},
     "potentiometers": {"component", "input", "coefficient_mu", "setting", "gain", "inverted"},
     "converters": {"converter", "kind", "converts", "bits", "range", "step", "units", "remark"},
     "loops": {"path", "lag_s", "sampled"},
 }
+TRIAL = {"played_s", "of_s", "status", "note", "interval_s"}
 
 
 def test_the_answer_of_run(capsys: pytest.CaptureFixture[str]) -> None:
@@ -162,6 +169,7 @@ def test_the_answer_of_check(capsys: pytest.CaptureFixture[str]) -> None:
     for table, keys in ROWS.items():
         assert found[table], table
         assert all(row.keys() == keys for row in found[table]), table
+    assert found["trial"].keys() == TRIAL
     assert found["converters"][0]["remark"] == "quantises and clips"
 
 
@@ -178,7 +186,9 @@ def test_every_key_is_in_the_readme() -> None:
     text = (Path(__file__).parent.parent / "README.md").read_text(encoding="utf-8")
     section = text[text.index("### JSON") : text.index("## In Python")]
     documented = set(re.findall(r"`([a-z_]+)`", section))
-    keys = ABOUT | RUN | MODE | CLOSED | ERRORS | TRANSIENT | OVERLOAD | SWEEP | POINT | CHECK
+    keys = (
+        ABOUT | RUN | MODE | CLOSED | ERRORS | TRANSIENT | OVERLOAD | SWEEP | POINT | CHECK | TRIAL
+    )
     keys |= {"max_damping_error", "max_cycle_s", "patches", "name", "file"}
     keys = keys.union(*ROWS.values())
     assert keys <= documented, sorted(keys - documented)

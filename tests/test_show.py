@@ -10,7 +10,8 @@ from rich.console import Console
 
 import hybrid
 from hybrid.prediction import predict
-from hybrid.show import show_check, show_list, show_prediction, show_run, show_sweep, some_rows
+from hybrid.show import show_list, show_prediction, show_run, show_sweep, some_rows
+from hybrid.show_check import show_check
 
 PITCH_LOOPS = ("pitch_loop", "pitch_loop_analog", "pitch_loop_lead")
 LONG = "a_name_that_is_as_long_as_names_may_be_or_nearly_so"

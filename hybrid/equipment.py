@@ -1,0 +1,113 @@
+"""How much of an analog machine a patch takes, as an operator counts it, and its rate test.
+
+Stage 6, for `checks`.
+"""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Protocol
+
+from hybrid.components import CATALOG
+from hybrid.machine import Machine
+from hybrid.trial import Trial
+
+# Parts that take an amplifier of the machine's pool; multipliers and the like have their own.
+AMPLIFIERS = ("integrator", "summer", "inverter", "lag")
+
+
+class Setting(Protocol):
+    """One coefficient: whose, its potentiometer setting (0 to 1) and the gain of the input."""
+
+    @property
+    def component(self) -> str: ...  # noqa: D102
+
+    @property
+    def setting(self) -> float: ...  # noqa: D102
+
+    @property
+    def gain(self) -> int: ...  # noqa: D102
+
+
+@dataclass(frozen=True, slots=True)
+class Part:
+    """How many of one kind of part a patch takes."""
+
+    part: str
+    count: int
+
+
+@dataclass(frozen=True, slots=True)
+class RateRow:
+    """The rate test of one integrator, in machine units a second, or as a fraction (`gain_error`).
+
+    rate_mu: what its inputs give at t = 0, by calculation; first_mu: its mean rate over the trial run's
+    first interval; gain_error: by how much it is too fast when it is fed a known input, with the inputs
+    of the patch taken off; drift_mu: its rate with no input at all.
+    """
+
+    integrator: str
+    rate_mu: float
+    first_mu: float | None
+    gain_error: float
+    drift_mu: float
+
+
+def count_parts(machine: Machine, settings: Sequence[Setting]) -> tuple[Part, ...]:
+    """The parts that the patch takes, with its `settings`.
+
+    Components are counted by what they are drawn as. A setting of exactly 1 is a plain cord. A signal
+    that anything takes with a negative coefficient needs one inverter (real summers and integrators
+    invert besides; this machine's do not), and a `coefficient` above 1 an amplifier besides its
+    potentiometer.
+    """
+    patch = machine.patch
+    found = Counter(CATALOG[c.kind].symbol for c in patch.components)
+    coefficients = {c.name for c in patch.components if c.kind == "coefficient"}
+    del found["potentiometer"]
+    found["summer"] += len(
+        {s.component for s in settings if s.component in coefficients and s.gain > 1}
+    )
+    found["inverter"] += len(_inverted(machine))
+    found["potentiometer"] = sum(s.setting not in (0.0, 1.0) for s in settings)
+    found["ADC"], found["DAC"] = len(patch.adcs), len(patch.dacs)
+    found["amplifier"] = sum(found[part] for part in AMPLIFIERS)
+    first, last = ("amplifier", *AMPLIFIERS), ("ADC", "DAC")
+    order = [*first, *sorted(set(found) - {*first, *last}), *last]
+    return tuple(Part(part, found[part]) for part in order if found[part])
+
+
+def _inverted(machine: Machine) -> set[str]:
+    """Signals that some component, other than an inverter, takes with a negative coefficient."""
+    return {
+        signal
+        for component in machine.patch.components
+        if component.kind != "invert"
+        for signal, gain in component.terms
+        if gain.number(machine.parameters) < 0.0
+    }
+
+
+def rate_test(
+    machine: Machine, rates_mu: dict[str, float], trial: Trial | None
+) -> tuple[RateRow, ...]:
+    """One row for each integrator; `rates_mu`: their rates at t = 0.
+
+    Operators checked the patch with the machine in its initial condition, where every output and every
+    integrator's rate must be what was calculated by hand, and the integrators by themselves: all fed
+    the same reference for a given time, after which all must stand at the same value. See R. D. McCoy,
+    "Method and apparatus for checking electronic analog computers", US patent 2,967,997, and
+    B. D. Conger, "Integrator rate test system for an analog computer", US patent 3,476,924.
+    """
+    rows = []
+    for component in machine.patch.components:
+        if component.kind != "integrate":
+            continue
+        stage = machine.stages[component.name]
+        first = trial.rates_mu[component.name] if trial else None
+        rows.append(
+            RateRow(component.name, rates_mu[component.name], first, stage.gain - 1.0, stage.offset)
+        )
+    return tuple(sorted(rows, key=lambda row: row.integrator))

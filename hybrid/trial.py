@@ -1,0 +1,166 @@
+"""A trial run: how far every analog signal goes, and which full scales would hold it.
+
+Stage 6, for `checks`. It is a run of the machine as it is compiled, seed 0, of which nothing is written.
+It is cut where it takes longer than an operator would wait, and says so.
+"""
+
+from __future__ import annotations
+
+import math
+import sys
+import time
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+
+from hybrid.engine import kernel
+from hybrid.engine.linear import DAC_SUFFIX, Player
+from hybrid.machine import Floats, Machine, Pen
+from hybrid.record import full_scales
+from hybrid.runs import ending, player_of
+from hybrid.scale import to_seconds
+from hybrid.timeline import build_timeline
+
+# Wall time after which a trial run is cut; what the kernels take to compile is not counted.
+LONGEST_WALL_S = 5.0
+# Numbers kept of it at a time, 3 MB.
+MOST_KEPT = 400_000
+# A signal that stays below this share of its full scale loses a digit of a four-digit machine.
+LITTLE = 0.1
+# Full scales that read well on a meter, and what rounding may add to a signal that just fills one.
+ROUND = (1.0, 1.2, 1.5, 2.0, 2.5, 3.0, 4.0, 5.0, 6.0, 8.0, 10.0)
+SLACK = 1e-9
+# A signal this close to its saturation level would have gone further.
+AT_SATURATION = 1.0 - 1e-6
+
+
+@dataclass(frozen=True, slots=True)
+class Trial:
+    """What the trial run showed. `rates_mu`: mean rate of every signal over the first `interval_s`,
+    machine units a second."""
+
+    played_s: float
+    of_s: float
+    status: str  # 'complete', 'cut' or 'stopped'
+    note: str
+    largest_mu: dict[str, float]  # largest magnitude
+    held_back: frozenset[str]  # signals that a saturation or a converter kept from going further
+    interval_s: float
+    rates_mu: dict[str, float]
+
+    @property
+    def tells(self) -> bool:
+        """Whether the magnitudes mean anything: not those of a run that ran away."""
+        return all(value < kernel.RUNAWAY_MU / 1e6 for value in self.largest_mu.values())
+
+    def to_dict(self) -> dict[str, Any]:
+        """How it went, as plain data; the figures stand with their signals."""
+        return {
+            "played_s": self.played_s,
+            "of_s": self.of_s,
+            "status": self.status,
+            "note": self.note,
+            "interval_s": self.interval_s,
+        }
+
+
+def try_out(machine: Machine, longest_wall_s: float | None = None) -> Trial:
+    """Play the machine to its end, or for `longest_wall_s`, and see how far its signals go."""
+    limit_s = LONGEST_WALL_S if longest_wall_s is None else longest_wall_s
+    signals = machine.analog.signals
+    most_cues = max(MOST_KEPT // len(signals), 2)
+    pens = tuple(Pen(name, "analog", i, 1.0) for i, name in enumerate(signals))
+    player = player_of(machine)(machine, build_timeline(machine), pens, 0, sys.maxsize)
+    # Every row is looked at and forgotten, so that no length of run fills the memory.
+    player.rows, player.keep_every = np.empty((most_cues, len(signals))), 1
+    head, largest = np.zeros((0, len(signals))), np.zeros(len(signals))
+    began: float | None = None
+    while player.outcome == kernel.PAUSED:
+        if began is not None and time.monotonic() - began >= limit_s:
+            note = f"cut at {player.done_s:.6g} s, after {limit_s:g} s of computing"
+            return _seen(machine, player, ("cut", note), largest, head)
+        player.play_cues(most_cues)
+        largest = np.maximum(largest, np.max(np.abs(player.record), axis=0, initial=0.0))
+        head = np.vstack([head, player.record[:2]])[:2]
+        player.state.counts[kernel.ROWS] = 0
+        began = began or time.monotonic()
+    return _seen(machine, player, ending(player), largest, head)
+
+
+def _seen(
+    machine: Machine, player: Player, end: tuple[str, str], peaks: Floats, head: Floats
+) -> Trial:
+    """head: the first rows."""
+    signals = machine.analog.signals
+    largest = _by_name(signals, peaks)
+    held_back = set()
+    for overload in player.overloads():
+        name = overload.signal.removesuffix(DAC_SUFFIX)
+        if name not in largest:
+            continue  # an ADC's range is a share of the full scale of what it samples
+        if name != overload.signal and any(h.name == name and h.clips for h in machine.holders):
+            held_back.add(name)
+        largest[name] = max(largest[name], abs(overload.worst_mu))
+    for name, value in largest.items():
+        if value >= AT_SATURATION * machine.stages[name].saturation:
+            held_back.add(name)
+    interval_s = to_seconds(machine.timing.every)
+    first = (head[1] - head[0]) / interval_s if len(head) > 1 else np.full(len(signals), math.nan)
+    return Trial(
+        player.done_s,
+        to_seconds(machine.timing.until),
+        *end,
+        largest,
+        frozenset(held_back),
+        interval_s,
+        _by_name(signals, first),
+    )
+
+
+def _by_name(signals: tuple[str, ...], values: Floats) -> dict[str, float]:
+    return dict(zip(signals, values.tolist(), strict=True))
+
+
+def round_above(value: float) -> float:
+    """The next round figure from a positive value on: 1, 1.2, 1.5, 2, 2.5, 3, 4, 5, 6, 8 times a power
+    of ten."""
+    power = math.floor(math.log10(value))
+    for digit in ROUND:
+        found = float(f"{digit:g}e{power}")
+        if found >= value * (1.0 - SLACK):
+            return found
+    return float(f"1e{power + 1}")
+
+
+@dataclass(frozen=True, slots=True)
+class Use:
+    """How much of its range a signal uses: largest magnitude and the full scale proposed, in the unit
+    it is shown in; remark: '', or what is wrong with the full scale it has."""
+
+    largest: float | None = None
+    used: float | None = None  # share of full scale
+    proposed: float | None = None
+    remark: str = ""
+
+
+def uses(machine: Machine, trial: Trial | None) -> dict[str, Use]:
+    """The use of every analog signal; nothing is known of it without a trial run, or after one that
+    ran away."""
+    signals, scales = machine.analog.signals, full_scales(machine)
+    if trial is None or not trial.tells:
+        return dict.fromkeys(signals, Use())
+    return {name: _use(trial, name, scales[name]) for name in signals}
+
+
+def _use(trial: Trial, name: str, full_scale: float) -> Use:
+    used = trial.largest_mu[name]
+    found = Use(used * full_scale, used)
+    if name in trial.held_back:
+        return replace(found, remark="held back, so it needs more than that")
+    if used == 0.0:
+        return replace(found, remark="stays at zero")
+    found = replace(found, proposed=round_above(used * full_scale))
+    if used > 1.0 + SLACK:
+        return replace(found, remark="beyond its range")
+    return replace(found, remark="below 10 %") if used < LITTLE else found

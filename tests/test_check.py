@@ -1,0 +1,203 @@
+"""What an operator learns before the first run: trial run, full scales, parts, rate test; by hand."""
+
+import json
+import math
+from pathlib import Path
+
+import pytest
+
+import hybrid
+from hybrid import trial
+from hybrid.cli import main
+from hybrid.compiler import compile_patch
+from hybrid.trial import round_above
+
+# The sine's top, 3 V, falls on the row at 25 ms.
+SCALES = """
+title: Full scales, good and bad
+machine: ideal
+analog:
+  wave: {sine: 3 V, frequency: 10 Hz, full_scale: 2 V}
+  faint: {sum: {wave: 0.01}, full_scale: 1 V}
+  good: {coefficient: {wave: -0.6}, full_scale: 2 V}
+  none: {constant: 0 V, full_scale: 1 V}
+  push: {constant: 0.5 V, full_scale: 1 V}
+  ramp: {integrate: {push: 4 1/s}, initial: -0.2 V, full_scale: 2 V}
+run: {until: 1 s, every: 1 ms}
+"""
+
+
+def checked(text, **order):
+    found = hybrid.check(hybrid.parse_patch(text), **order)
+    return found, {row.signal: row for row in found.scaling}
+
+
+@pytest.mark.parametrize(
+    ("value", "expected"),
+    [
+        (1.0, 1.0),
+        (1.0 + 1e-12, 1.0),
+        (1.0000001, 1.2),
+        (0.03, 0.03),
+        (2.0142, 2.5),
+        (8.01, 10.0),
+        (999.0, 1000.0),
+        (1000.0, 1000.0),
+        (1.3e-9, 1.5e-9),
+        (7e20, 8e20),
+    ],
+)
+def test_round_figures(value, expected):
+    assert round_above(value) == expected
+
+
+def test_full_scales_by_hand():
+    found, rows = checked(SCALES)
+    assert (found.trial.status, found.trial.played_s, found.trial.note) == ("complete", 1.0, "")
+    expected = {  # largest, share of full scale, proposed, remark
+        "wave": (3.0, 1.5, 3.0, "beyond its range"),
+        "faint": (0.03, 0.03, 0.03, "below 10 %"),
+        "good": (1.8, 0.9, 2.0, ""),
+        "none": (0.0, 0.0, None, "stays at zero"),
+        "push": (0.5, 0.5, 0.5, ""),
+        "ramp": (1.8, 0.9, 2.0, ""),  # -0.2 + 4 * 0.5 * 1 s
+    }
+    for name, (largest, used, proposed, remark) in expected.items():
+        row = rows[name]
+        assert row.largest == pytest.approx(largest, abs=1e-12), name
+        assert row.used == pytest.approx(used, abs=1e-12), name
+        assert (row.proposed, row.remark) == (proposed, remark), name
+
+
+def test_a_check_without_a_trial_run():
+    found, rows = checked(SCALES, trial=False)
+    assert found.trial is None
+    assert rows["wave"].largest is rows["wave"].proposed is None
+    assert [r.first_mu for r in found.rates] == [None]
+    assert found.to_dict()["trial"] is None
+
+
+def test_a_long_trial_run_is_cut(monkeypatch):
+    monkeypatch.setattr(trial, "LONGEST_WALL_S", 0.05)
+    found, rows = checked(SCALES.replace("until: 1 s", "until: 1000000 s"))
+    assert found.trial.status == "cut"
+    assert 0.0 < found.trial.played_s < 1e6
+    assert found.trial.note.startswith(f"cut at {found.trial.played_s:.6g} s, after 0.05 s")
+    assert rows["wave"].remark == "beyond its range"
+
+
+RUNAWAY = """
+title: Runs away
+machine: ideal
+analog:
+  x: {integrate: {x: 100 1/s}, initial: 1 V, full_scale: 10 V}
+run: {until: 1 s, every: 1 ms}
+"""
+
+
+def test_a_patch_that_runs_away_gets_no_full_scales():
+    """exp(100 t) / 10 passes 1e12 at ln(1e13) / 100 = 0.2993 s."""
+    found, rows = checked(RUNAWAY)
+    assert found.trial.status == "stopped"
+    assert found.trial.played_s == pytest.approx(math.log(1e13) / 100, abs=1.1e-3)
+    assert "unstable" in found.trial.note
+    assert (rows["x"].largest, rows["x"].proposed, rows["x"].remark) == (None, None, "")
+
+
+CLIPPED = """
+title: What is held back
+machine: {preset: nominal, noise: 0, tolerance: 0}
+analog:
+  big: {constant: 4 V, full_scale: 5 V}
+  x: {integrate: {big: 1 1/s}, initial: 0 V, full_scale: 1 V, saturation: 1.1}
+interface:
+  seen: {adc: big, bits: 12}
+  out: {dac: word, bits: 12, full_scale: 2 V, initial: 0 V}
+digital:
+  period: 10 ms
+  program: {word: 2*seen}
+run: {until: 1 s}
+"""
+
+
+def test_what_clips_needs_more_than_it_shows():
+    """x would reach 4 V and stops at 1.1; the DAC is given 2 * 4 V for its 2 V."""
+    _, rows = checked(CLIPPED)
+    assert rows["x"].used == pytest.approx(1.1, abs=1e-9)
+    assert rows["out"].largest == pytest.approx(8.0, abs=5.0 / 2047)  # within the ADC's step, twice
+    for name in ("x", "out"):
+        assert (rows[name].proposed, rows[name].remark[:9]) == (None, "held back")
+    assert rows["big"].remark == ""
+
+
+@pytest.mark.parametrize("name", ["van_der_pol", "relay_servo", "bouncing_ball", "pitch_loop"])
+def test_shipped_patches_are_well_scaled_by_their_own_headers(name):
+    rows = hybrid.check(name).scaling
+    assert all(row.used is not None and row.used <= 1.0 + 1e-6 for row in rows)
+    assert all(row.proposed is None or row.proposed >= row.largest * (1 - 1e-9) for row in rows)
+
+
+PARTS = """
+title: Parts
+machine: ideal
+analog:
+  one: {constant: 1 V, full_scale: 1 V}
+  x: {integrate: {y: -10 1/s, one: 0.3 1/s}, initial: 0.5 V, full_scale: 1 V}
+  y: {sum: {x: 1, one: -0.2}, full_scale: 1 V}
+  turned: {invert: x, full_scale: 1 V}
+  pot: {coefficient: {x: 0.25}, full_scale: 1 V}
+  loud: {coefficient: {x: 25}, full_scale: 1 V}
+  slow: {lag: {x: 1}, time_constant: 1 s, full_scale: 1 V}
+  square: {multiply: [x, x], full_scale: 1 V}
+  size: {absolute: x, full_scale: 1 V}
+run: {until: 10 ms, every: 1 ms}
+"""
+
+
+def test_parts_by_hand():
+    """Inverters: `turned`, and one each for -y and -one. Potentiometers: 0.3 and the initial 0.5 of x,
+    0.2 of y, 0.25, 25 = 0.25 x 100; -10 is a cord to an input of 10, and 1, the lag's rates included,
+    a cord."""
+    found, _ = checked(PARTS, trial=False)
+    expected = {"integrator": 1, "summer": 2, "inverter": 3, "lag": 1, "amplifier": 7}
+    expected |= {"multiplier": 1, "function": 1, "source": 1, "potentiometer": 5}
+    assert {p.part: p.count for p in found.parts} == expected
+    assert found.parts[0].part == "amplifier"
+
+
+RATES = """
+title: Rate test
+machine: {preset: nominal, noise: 0, tau: 0 s, offset: 1e-3}
+analog:
+  one: {constant: 1 V, full_scale: 2 V, tolerance: 0, offset: 0}
+  x: {integrate: {one: 3 1/s}, initial: 0.5 V, leak: 4 1/s, full_scale: 1 V}
+run: {until: 10 ms, every: 1 ms}
+"""
+
+
+@pytest.mark.parametrize("as_circuit", [False, True])
+def test_the_rate_test_by_hand(as_circuit):
+    """x' = (1 + e) 3 V/s + 1e-3 - 4 x: at t = 0, and its mean over 1 ms, that times (1 - exp(-4e-3)) /
+    4e-3."""
+    machine = compile_patch(hybrid.parse_patch(RATES), as_circuit=as_circuit)
+    (row,) = hybrid.check(machine).rates
+    error = machine.stages["x"].gain - 1.0
+    assert 0.0 < abs(error) <= 1e-4
+    rate = 3.0 * (1.0 + error) + 1e-3 - 4.0 * 0.5
+    assert row.rate_mu == pytest.approx(rate, rel=1e-12)
+    assert row.first_mu == pytest.approx(rate * -math.expm1(-4e-3) / 4e-3, rel=1e-6)
+    assert (row.gain_error, row.drift_mu) == (error, 1e-3)
+
+
+def test_the_command_writes_no_files(tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    Path("scales.yaml").write_text(SCALES, encoding="utf-8")
+    assert main(["check", "scales.yaml"]) == 0
+    printed = capsys.readouterr().out
+    line = next(line for line in printed.splitlines() if "beyond its range" in line)
+    assert line.split() == ["wave", "beyond", "its", "range", "3", "V", "150", "%", "2", "3"]
+    assert main(["check", "scales.yaml", "--no-trial"]) == 0
+    assert "Trial run" not in capsys.readouterr().out
+    assert main(["check", "scales.yaml", "--json"]) == 0
+    assert json.loads(capsys.readouterr().out)["trial"]["status"] == "complete"
+    assert [p.name for p in tmp_path.iterdir()] == ["scales.yaml"]
