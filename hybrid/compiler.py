@@ -99,9 +99,11 @@ def _output_stage(
     serial: int,
     scope: Mapping[str, float],
 ) -> OutputStage:
+    kind = part.kind if isinstance(part, Component) else "dac"
+
     def figure(key: str) -> float:
         value = part.errors.get(key) or common.get(key)
-        return _error_figure(key, value, scope) if value else preset.figure(key)
+        return _error_figure(key, value, scope) if value else preset.figure(key, kind)
 
     tau, noise = figure("tau"), figure("noise")
     if noise > 0 and tau == 0:

@@ -11,6 +11,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, NoReturn
 
 from hybrid.errors import RunError, quoted
+from hybrid.machines import PRESETS
 from hybrid.version import __version__
 
 if TYPE_CHECKING:
@@ -77,7 +78,7 @@ def _verb(verbs: Any, name: str, doc: str) -> argparse.ArgumentParser:
     """A verb with the options that all verbs on a patch share."""
     made: argparse.ArgumentParser = verbs.add_parser(name, help=doc, description=doc)
     _patch(made)
-    made.add_argument("--machine", metavar="PRESET", help="ideal, lags or nominal")
+    made.add_argument("--machine", metavar="PRESET", help=", ".join(PRESETS))
     made.add_argument("--serial", type=_whole, metavar="N", help="serial number of the machine")
     return made
 
