@@ -33,8 +33,12 @@ def machine_of(
     parameters: Parameters | None = None,
     machine: str | None = None,
     serial: int | None = None,
+    as_circuit: bool = False,
 ) -> Machine:
-    """The compiled machine; raises PatchError and RunError for whatever cannot be compiled."""
+    """The compiled machine; raises PatchError and RunError for whatever cannot be compiled.
+
+    as_circuit: lay out even a linear analog side as a circuit; a compiled machine stays as it is.
+    """
     if isinstance(source, Machine):
         if parameters or machine is not None or serial is not None:
             raise RunError(
@@ -44,7 +48,7 @@ def machine_of(
         return source
     patch = patch_of(source)
     numbers = parameters_of(patch, parameters)
-    return compile_patch(patch, numbers, preset_of(machine), serial_of(serial))
+    return compile_patch(patch, numbers, preset_of(machine), serial_of(serial), as_circuit)
 
 
 def parameters_of(patch: Patch, parameters: Parameters | None) -> dict[str, float]:

@@ -98,19 +98,23 @@ def _run(options: argparse.Namespace, filing: Filing) -> int:
 
         patch, pairs = with_pens(patch, options.xy)
     from hybrid.arguments import machine_of
+    from hybrid.engines import check_engine, engine_of, wants_circuit
     from hybrid.record import machine_facts, span_facts
     from hybrid.runs import check_run, run
 
     load_numba_without_blas()
-    machine = machine_of(patch, parameters, options.machine, options.serial)
+    ordered = (patch, parameters, options.machine, options.serial)
+    circuit = wants_circuit(check_engine(options.engine))
+    machine = machine_of(*ordered, circuit)
+    engine = engine_of(machine, options.engine)
     check_run(machine, options.seed)
     stem = Path(output_name(options.out)) / Path(patch.file).stem
     writable(*(stem.with_name(stem.name + suffix) for suffix in (".nc", ".png")))
-    prediction = _prediction(machine)
-    say_if_compiling(machine)
+    prediction = _prediction(machine_of(*ordered) if circuit else machine)
+    say_if_compiling(engine)
     interrupts.hear()
     with Progress("running") as progress:
-        result = run(machine, seed=options.seed, progress=progress)
+        result = run(machine, seed=options.seed, progress=progress, engine=engine)
         interrupts.ignore()
     modes = None if isinstance(prediction, str) else prediction.to_dicts()
     filing.write(result.parts(), result.readouts, modes, stem)
@@ -126,6 +130,7 @@ def _run(options: argparse.Namespace, filing: Filing) -> int:
             **machine_facts(machine),
             **span_facts(machine),
             seed=result.seed,
+            engine=result.engine,
             cycles=result.cycles,
             status=result.status,
             status_note=result.status_note,
@@ -186,6 +191,7 @@ def predict_command(options: argparse.Namespace) -> int:
 def sweep_command(options: argparse.Namespace) -> int:
     """hybrid sweep."""
     patch, parameters = patch_and_parameters(options)
+    from hybrid.engines import engine_of
     from hybrid.runs import check_seed
     from hybrid.storage import write_dataset
     from hybrid.sweeps import check_sweep, sweep, values_of
@@ -198,7 +204,7 @@ def sweep_command(options: argparse.Namespace) -> int:
         patch, name, values, parameters, options.machine, options.serial, options.jobs
     )
     writable(out, out.with_suffix(".png"))
-    say_if_compiling(first)
+    say_if_compiling(engine_of(first, "auto"))
     interrupts.hear()
     with Progress("sweeping") as progress:
         result = sweep(
@@ -305,10 +311,11 @@ def check_command(options: argparse.Namespace) -> int:
     patch, parameters = patch_and_parameters(options)
     from hybrid.arguments import machine_of
     from hybrid.checks import check
+    from hybrid.engines import engine_of
 
     machine = machine_of(patch, parameters, options.machine, options.serial)
     if not options.no_trial or machine.elements:
-        say_if_compiling(machine)
+        say_if_compiling(engine_of(machine, "auto"))
     result = check(machine, trial=not options.no_trial)
     if options.json:
         print_json(**result.to_dict())

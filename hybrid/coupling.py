@@ -54,7 +54,7 @@ def exact_modes(machine: Machine) -> Complex:
     """Every mode s of the patch as the machine plays it, in rad/s (complex); forgotten ones left out."""
     analog = machine.analog
     if machine.elements:
-        raise _not_linear(machine)
+        raise not_linear(machine)
     if not machine.timing.period:
         return eigenvalues(_without(analog.a, analog.sources))
     change, length_ticks = cycle_map(machine)
@@ -64,7 +64,7 @@ def exact_modes(machine: Machine) -> Complex:
     return modes
 
 
-def _not_linear(machine: Machine) -> NotLinear:
+def not_linear(machine: Machine) -> NotLinear:
     """Which component stands in the way of an exact prediction."""
     for component in sorted(machine.patch.components, key=lambda c: c.place.line):
         if not CATALOG[component.kind].linear_with(component.values):

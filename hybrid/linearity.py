@@ -21,7 +21,7 @@ class NotLinear(RunError):
 
     def __init__(self, message: str, place: Place = NOWHERE) -> None:
         """Args: message (one line), place of the statement (shown before it where known)."""
-        self.place = place
+        self.message, self.place = message, place
         super().__init__(f"{place}: {message}" if str(place) else message)
 
 

@@ -16,8 +16,8 @@ github.com/anabrid/the-analog-thing-docs, and the data sheets AD633 (Analog Devi
 - Machine unit 10 V, amplifiers on 12 V that overload above about 11.5 V: saturation 1.15
   (documentation).
 - Summers and inverters: resistors of 0.1 %, so a ratio within 0.2 %; integrators and lags:
-  capacitors of 2 % besides, 2.1 % (parts list). Coefficients are set by hand against its meter of
-  three digits, 0.1 % (the documentation's "about three positions"; our reading).
+  capacitors of 2 % besides, 2.1 % (parts list). Coefficients are set by hand against its meter, to
+  0.1 % (the documentation's "about three positions"; our reading).
 - Multipliers AD633J: 2 % in all, 1 MHz, which is 0.16 us, and below 100 uV rms in 10 kHz, which
   over 1 MHz makes 1.25e-4 (data sheet; white noise is our assumption). Divider and square root are
   multipliers in a loop (documentation) and are given the same figures.

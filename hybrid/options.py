@@ -108,6 +108,12 @@ def _seed(made: argparse.ArgumentParser) -> None:
 
 def _run(made: argparse.ArgumentParser) -> None:
     _seed(made)
+    made.add_argument(
+        "--engine",
+        default="auto",
+        metavar="ENGINE",
+        help="auto (default), exact, nonlinear or reference (slow)",
+    )
     made.add_argument("--until", metavar="TIME", help="end of the run, such as '20 s'")
     made.add_argument(
         "--out", default="out", metavar="DIR", help="folder for the files (default out)"

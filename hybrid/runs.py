@@ -17,6 +17,7 @@ from hybrid.arguments import Parameters, Source, machine_of, whole_number
 from hybrid.coupling import modes
 from hybrid.engine import kernel
 from hybrid.engine.linear import DAC_SUFFIX, Overload, Player
+from hybrid.engines import check_engine, engine_of, player_of, wants_circuit
 from hybrid.errors import PatchError, counted
 from hybrid.linearity import NotLinear
 from hybrid.machine import Floats, Machine, Pen
@@ -51,6 +52,7 @@ class Run:
     rows: Floats
     overloads: tuple[dict[str, Any], ...]
     readouts: dict[str, dict[str, Any]] = field(default_factory=dict)
+    engine: str = "exact"  # which one played it
 
     @cached_property
     def record(self) -> xr.Dataset:
@@ -63,6 +65,7 @@ class Run:
         """What `record` is made of, without xarray."""
         facts: dict[str, str | int | float] = {
             "seed": self.seed,
+            "engine": self.engine,
             "cycles": self.cycles,
             "status": self.status,
             "status_note": self.status_note,
@@ -114,22 +117,26 @@ def run(
     serial: int | None = None,
     progress: Progress | None = None,
     readouts_only: bool = False,
+    engine: str = "auto",
 ) -> Run:
     """Run a patch from t = 0 to its end.
 
     Args: patch: a patch, the file or shipped name of one, or a compiled machine; parameters: SI
     numbers or texts with units ('2 ms'); machine: preset name; seed for the noise; serial: which
     machine of the make; progress: called with the fraction done; readouts_only: record only what the
-    readouts need. A KeyboardInterrupt ends the run early and returns what was played. Raises
+    readouts need; engine: `exact`, `nonlinear`, `reference` (SciPy, slow) or `auto`, see
+    `engines`. A KeyboardInterrupt ends the run early and returns what was played. Raises
     PatchError and RunError for the mistakes of the user.
     """
     seed = check_seed(seed)
-    compiled = machine_of(patch, parameters, machine, serial)
+    circuit = wants_circuit(check_engine(engine))
+    compiled = machine_of(patch, parameters, machine, serial, circuit)
+    played_by = engine_of(compiled, engine)
     check_windows(compiled)
     timeline = build_timeline(compiled)
     keep_every = thinning(compiled, timeline.rows)
     pens = pens_for(compiled, readouts_only)
-    player = player_of(compiled)(compiled, timeline, pens, seed, keep_every)
+    player = player_of(compiled, engine)(compiled, timeline, pens, seed, keep_every)
     status, note = _play(player, progress)
     every_s = to_seconds(compiled.timing.every * keep_every)
     period = compiled.timing.period
@@ -144,6 +151,7 @@ def run(
         row_times_s(len(player.record), compiled.timing.every * keep_every),
         player.record,
         _overloads(compiled, player.overloads()),
+        engine=played_by,
     )
     try:
         result.readouts.update(_read_out(result, every_s))
@@ -153,15 +161,6 @@ def run(
         )
         return replace(result, status="interrupted", status_note=note)
     return result
-
-
-def player_of(machine: Machine) -> type[Player]:
-    """The engine for a machine: exact where the analog side is linear."""
-    if not machine.elements:
-        return Player
-    from hybrid.engine.windows import CircuitPlayer  # takes long to load
-
-    return CircuitPlayer
 
 
 def thinning(machine: Machine, rows: int) -> int:
@@ -242,7 +241,7 @@ def _left_out(machine: Machine) -> str:
     if not machine.elements or not noisy:
         return ""
     return (
-        f"noise left out: the engine for analog sides that are not linear plays no component noise yet "
+        "noise left out: only the exact engine plays component noise yet "
         f"({', '.join(noisy[:3])}{' ...' if len(noisy) > 3 else ''})"
     )
 

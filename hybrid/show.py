@@ -77,7 +77,8 @@ def show_run(
         cycles = f"{counted(run.cycles, 'cycle')} of {machine.cycle_s:g} s, "
     console.print(f"[bold]{escape(machine.patch.title)}[/]  ({escape(machine.patch.file)})")
     console.print(
-        f"machine {machine.preset}, seed {run.seed}; {cycles}{counted(len(run.time_s), 'row')}"
+        f"machine {machine.preset}, seed {run.seed}, {run.engine} engine; "
+        f"{cycles}{counted(len(run.time_s), 'row')}"
         + (f" ({run.rows_note})" if run.rows_note else "")
     )
     if run.status_note:

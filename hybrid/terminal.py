@@ -16,8 +16,6 @@ from hybrid.errors import one_line
 if TYPE_CHECKING:
     from rich.console import Console
 
-    from hybrid.machine import Machine
-
 # A bar for less than this would only flicker.
 SHOW_PROGRESS_AFTER_S = 0.7
 # Lines that go to a file or another program are broken later than those on a terminal.
@@ -44,13 +42,13 @@ def say(message: str) -> None:
         print(f"hybrid: {one_line(message)}", file=sys.stderr)
 
 
-def say_if_compiling(machine: Machine) -> None:
+def say_if_compiling(engine: str) -> None:
     """The first run after installation takes a while; say why."""
     from hybrid.engine import kernel
 
     if not kernel.is_compiled():
         say("compiling the kernel, once after installation ...")
-    if machine.elements:
+    if engine == "nonlinear":
         from hybrid.engine.windows import play_circuit
 
         if not kernel.is_compiled(play_circuit):

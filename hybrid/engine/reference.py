@@ -1,7 +1,8 @@
-"""The same circuit integrated by SciPy at tight tolerances, to check the nonlinear engine against.
+"""The same circuit integrated by SciPy at tight tolerances, to check the other engines against.
 
-Stage 4. Every lag is a state and is resolved, pieces change at located events, and nothing but the flat
-`Circuit` is shared with the engine. Slow: a lag of 1 us costs some 10^5 evaluations per second.
+Stage 4; `reference_player` plays whole runs with it. Every lag is a state and is resolved, pieces
+change at located events, and nothing but the flat `Circuit` is shared with the engine. Slow: a lag of
+1 us costs some 10^7 evaluations per second.
 """
 
 from __future__ import annotations
@@ -9,7 +10,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from dataclasses import dataclass, field
-from typing import Literal
+from typing import Literal, NamedTuple
 
 import numpy as np
 from scipy.integrate import solve_ivp
@@ -60,11 +61,25 @@ from hybrid.engine.circuit import (
     STOP,
     Circuit,
 )
-from hybrid.engine.kernel import Floats
+from hybrid.engine.kernel import RUNAWAY_MU, Floats
 
 # A guard this far beyond its bound at rest means another piece; events are located better than that.
 SLACK = 1e-11
 MOST_EVENTS = 10_000
+
+Method = Literal["DOP853", "Radau"]
+
+
+class Chatters(RuntimeError):
+    """Pieces change without end."""
+
+
+class RunsAway(RuntimeError):
+    """A signal is far beyond any scale, or no number."""
+
+
+class NotResolved(RuntimeError):
+    """The integrator found no step short enough."""
 
 
 @dataclass
@@ -77,6 +92,36 @@ class Values:
     guard: Floats  # (corners,)
 
 
+class Part(NamedTuple):
+    """One element in plain numbers, which Python reads faster than arrays."""
+
+    kind: int
+    first: list[tuple[int, float]]  # signal, gain
+    second: list[tuple[int, float]]
+    control: int
+    corner: int
+    stop: int
+    rate: float  # of its lag, 1/s; -1: it has none
+    figures: list[float]
+
+
+def _parts(circuit: Circuit) -> list[Part]:
+    terms = list(zip(circuit.signal.tolist(), circuit.gain.tolist(), strict=True))
+    return [
+        Part(
+            row[KIND],
+            terms[row[FIRST] : row[SECOND]],
+            terms[row[SECOND] : row[END]],
+            row[CONTROL],
+            row[CORNER],
+            row[STOP],
+            float(circuit.laws[row[LAG], 0]) if row[LAG] >= 0 else -1.0,
+            figures,
+        )
+        for row, figures in zip(circuit.rows.tolist(), circuit.figures.tolist(), strict=True)
+    ]
+
+
 @dataclass
 class Reference:
     """One run in progress; `x` and `y` are the states of integrators and of lags."""
@@ -85,18 +130,22 @@ class Reference:
     held: Floats
     rtol: float = 1e-11
     atol: float = 1e-13
-    method: Literal["DOP853", "Radau"] = "DOP853"
+    method: Method = "DOP853"
     now_s: float = 0.0
     events: list[tuple[float, int, int]] = field(default_factory=list)  # time, element, new piece
     evaluations: int = 0
+    step_s: float = 0.0  # to begin with; 0: the integrator finds one
+    look: Callable[[float, Floats], None] | None = None  # shown time and signals after every step
 
     def __post_init__(self) -> None:
         """Start with lags settled, unless the circuit says otherwise."""
         rows, initial = self.circuit.rows, self.circuit.initial
+        self.parts, self.pieces = _parts(self.circuit), self.circuit.pieces.tolist()
+        self.first_piece = self.circuit.corners[:, FIRST_PIECE].tolist()
         self.x = np.where(rows[:, KIND] == INTEGRATE, initial[:, 0], 0.0)
         self.y = np.nan_to_num(initial[:, 1])
         self.stored = initial[:, 0].copy()
-        self.piece = self.circuit.initial_piece.copy()
+        self.piece = self.circuit.initial_piece.tolist()
         follows = np.isnan(initial[:, 1]) & (rows[:, LAG] >= 0)
         for _ in range(len(rows) + 1):  # each pass settles at least one more lag of a chain
             self.y[follows] = self._settled(0.0).before[follows]
@@ -107,7 +156,10 @@ class Reference:
         return self._settled(self.now_s).signal
 
     def play(self, duration_s: float, instants_s: Floats | None = None) -> Floats:
-        """Go on with the present held inputs; the signals at instants after the start (rows, n)."""
+        """Go on with the present held inputs; the signals at instants after the start (rows, n).
+
+        Raises Chatters, RunsAway and NotResolved; `now_s` says when.
+        """
         instants = np.zeros(0) if instants_s is None else instants_s
         begin, end = self.now_s, self.now_s + duration_s
         rows = np.zeros((len(instants), len(self.circuit.rows)))
@@ -120,10 +172,12 @@ class Reference:
                 self.method,
                 rtol=self.rtol,
                 atol=self.atol,
-                events=self._events() or None,
+                events=[*self._events(), _far_out],
                 dense_output=len(instants) > 0,
+                first_step=min(self.step_s, end - self.now_s) or None,
             )
             self.evaluations += solution.nfev
+            self._show(solution.t, solution.y)
             for row in np.flatnonzero(
                 (begin + instants > self.now_s) & (begin + instants <= solution.t[-1])
             ):
@@ -132,87 +186,95 @@ class Reference:
                 rows[row] = self._values(begin + instants[row]).signal
             self.x, self.y = np.split(solution.y[:, -1], 2)
             self.now_s = solution.t[-1]
-            if solution.status != 1:
+            # The last step may have been cut short by the end.
+            self.step_s = float(np.max(np.diff(solution.t)[-2:], initial=0.0))
+            if solution.status < 0:
+                raise NotResolved(solution.message)
+            if solution.status == 0:
                 return rows
-            self._change_piece(solution.t_events or [])
-        raise RuntimeError(f"more than {MOST_EVENTS} events")
+            *times_s, lost = solution.t_events or []
+            if len(lost):
+                raise RunsAway("beyond any scale")
+            self._change_piece(times_s)
+        raise Chatters(f"more than {MOST_EVENTS} events")
+
+    def _show(self, times_s: Floats, states: Floats) -> None:
+        """Let `look` see every step."""
+        if self.look is None:
+            return
+        for t_s, z in zip(times_s.tolist(), states.T, strict=True):
+            self.x, self.y = np.split(z, 2)
+            self.look(t_s, self._values(t_s).signal)
 
     def _slope(self, t_s: float, z: Floats) -> Floats:
-        rows, laws = self.circuit.rows, self.circuit.laws
         self.x, self.y = np.split(z, 2)
         values = self._values(t_s)
-        dx, dy = np.zeros(len(rows)), np.zeros(len(rows))
-        for e, row in enumerate(rows):
-            if row[KIND] == INTEGRATE and (row[CORNER] < 0 or self.piece[row[CORNER]] == 1):
-                dx[e] = values.drive[e] + self.circuit.figures[e, FEEDBACK] * self.x[e]
-            if row[LAG] >= 0:
-                dy[e] = laws[row[LAG], 0] * (values.before[e] - self.y[e])
-        return np.concatenate([dx, dy])
+        count = len(self.parts)
+        slope = np.zeros(2 * count)
+        for e, part in enumerate(self.parts):
+            if part.kind == INTEGRATE and (part.corner < 0 or self.piece[part.corner] == 1):
+                slope[e] = values.drive[e] + part.figures[FEEDBACK] * self.x[e]
+            if part.rate >= 0.0:
+                slope[count + e] = part.rate * (values.before[e] - self.y[e])
+        return slope
 
     def _values(self, t_s: float) -> Values:
         """All signals for the present states and pieces, by forward substitution."""
-        circuit, rows = self.circuit, self.circuit.rows
-        n = len(rows)
-        v = Values(self.y.copy(), np.zeros(n), np.zeros(n), np.zeros(len(circuit.corners)))
-        for e in np.flatnonzero((rows[:, KIND] == INTEGRATE) & (rows[:, LAG] < 0)).tolist():
-            v.signal[e] = self._output(e, self.x[e], v)
-        for e, row in enumerate(rows.tolist()):
-            figures = circuit.figures[e]
-            u = figures[CONSTANT] + self._terms(v.signal, row[FIRST], row[SECOND])
-            w = figures[SECOND_CONSTANT] + self._terms(v.signal, row[SECOND], row[END])
-            kind = row[KIND]
+        x, signal, count = self.x.tolist(), self.y.tolist(), len(self.parts)
+        before, drive = [0.0] * count, [0.0] * count
+        guard = [0.0] * len(self.circuit.corners)
+        for e, part in enumerate(self.parts):
+            if part.kind == INTEGRATE and part.rate < 0.0:
+                signal[e] = self._output(part, x[e], guard)
+        for e, part in enumerate(self.parts):
+            figures, kind = part.figures, part.kind
+            u, w = figures[CONSTANT], figures[SECOND_CONSTANT]
+            for source, gain in part.first:
+                u += gain * signal[source]
+            for source, gain in part.second:
+                w += gain * signal[source]
             if kind == INTEGRATE:
-                v.drive[e] = u
-                if row[CORNER] >= 0:
-                    free = self.piece[row[CORNER]] == 1
-                    v.guard[row[CORNER]] = self.x[e] if free else u + figures[FEEDBACK] * self.x[e]
-                value = self.x[e]
+                drive[e], value = u, x[e]
+                if part.corner >= 0:
+                    free = self.piece[part.corner] == 1
+                    guard[part.corner] = value if free else u + figures[FEEDBACK] * value
             elif kind == PIECES:
-                v.guard[row[CORNER]] = u
-                value = self._piece_value(row[CORNER], u)
-            elif kind in (SWITCH, TRACK):
-                value = (
-                    u
-                    if self._is_high(row[CONTROL], v)
-                    else (w if kind == SWITCH else self.stored[e])
-                )
+                guard[part.corner] = u
+                value = self._piece_value(part.corner, u)
+            elif kind == SWITCH:
+                value = u if self._is_high(part.control, signal) else w
+            elif kind == TRACK:
+                value = u if self._is_high(part.control, signal) else float(self.stored[e])
             elif kind == INPUT:
-                value = self.held[row[CONTROL]]
+                value = float(self.held[part.control])
             elif kind == SINE:
                 value = figures[AMPLITUDE] * math.sin(figures[OMEGA] * t_s + figures[PHASE])
             else:
                 value = _FUNCTIONS[kind](u, w, figures[EXPONENT])
-            v.before[e] = self._output(e, value, v)
-            if row[LAG] < 0:
-                v.signal[e] = v.before[e]
-        return v
+            before[e] = self._output(part, value, guard)
+            if part.rate < 0.0:
+                signal[e] = before[e]
+        return Values(np.array(signal), np.array(before), np.array(drive), np.array(guard))
 
-    def _terms(self, signal: Floats, first: int, end: int) -> float:
-        return float(self.circuit.gain[first:end] @ signal[self.circuit.signal[first:end]])
+    def _output(self, part: Part, value: float, guard: list[float]) -> float:
+        value = part.figures[GAIN] * value + part.figures[OFFSET]
+        if part.stop >= 0:
+            guard[part.stop] = value
+            value = self._piece_value(part.stop, value)
+        return value
 
-    def _output(self, e: int, value: float, v: Values) -> float:
-        value = self.circuit.figures[e, GAIN] * value + self.circuit.figures[e, OFFSET]
-        stop = self.circuit.rows[e, STOP]
-        if stop >= 0:
-            v.guard[stop] = value
-            value = self._piece_value(stop, value)
-        return float(value)
-
-    def _row(self, corner: int) -> Floats:
-        row: Floats = self.circuit.pieces[
-            self.circuit.corners[corner, FIRST_PIECE] + self.piece[corner]
-        ]
+    def _row(self, corner: int) -> list[float]:
+        row: list[float] = self.pieces[self.first_piece[corner] + self.piece[corner]]
         return row
 
     def _piece_value(self, corner: int, g: float) -> float:
         row = self._row(corner)
         x = g - row[AT]
-        return float(row[C0] + row[C1] * x + row[C2] * x * x)
+        return row[C0] + row[C1] * x + row[C2] * x * x
 
-    def _is_high(self, by: int, v: Values) -> bool:
-        if self.circuit.rows[by, KIND] == PIECES:
-            return bool(self.piece[self.circuit.rows[by, CORNER]] > 0)
-        return bool(v.signal[by] > 0.5)
+    def _is_high(self, by: int, signal: list[float]) -> bool:
+        part = self.parts[by]
+        return self.piece[part.corner] > 0 if part.kind == PIECES else signal[by] > 0.5
 
     def _settled(self, t_s: float) -> Values:
         """Values at an instant, after every piece that does not hold has been changed."""
@@ -225,7 +287,7 @@ class Reference:
                     break
             else:
                 return values
-        raise RuntimeError("pieces do not settle")
+        raise Chatters("pieces do not settle")
 
     def _outside(self, corner: int, v: Values) -> int:
         """Which way the guard is out of its piece."""
@@ -245,6 +307,7 @@ class Reference:
         e = self.circuit.corners[corner, OWNER]
         before = self._values(self.now_s)
         self.piece[corner] += step
+        self.step_s = 0.0
         assert self.piece[corner] < self.circuit.corners[corner, END_PIECE]
         self.events.append((self.now_s, int(e), int(self.piece[corner])))
         if self.circuit.corners[corner, ROLE] == OF_INTEGRATOR and self.piece[corner] != 1:
@@ -254,14 +317,21 @@ class Reference:
                 self.stored[store] = before.before[store]
 
     def _events(self) -> list[Callable[[float, Floats], float]]:
-        """A terminal event for each bound of each present piece."""
+        """A terminal event for each bound of each present piece.
+
+        What another event has left a rounding beyond its bound would never cross it, so that it changes
+        a little further out.
+        """
         found = []
         self._watched: list[tuple[int, int]] = []
+        guard = self._values(self.now_s).guard
         for corner in range(len(self.circuit.corners)):
-            row = self._row(corner)
+            row, g = self._row(corner), guard[corner]
             for bound, step in ((row[HIGH], 1), (row[LOW], -1)):
                 if math.isfinite(bound):
-                    found.append(self._event(corner, float(bound), step))
+                    beyond = step * (g - bound) >= 0.0
+                    further = 2.0 * step * SLACK * max(1.0, abs(g)) if beyond else 0.0
+                    found.append(self._event(corner, bound + further, step))
                     self._watched.append((corner, step))
         return found
 
@@ -281,12 +351,20 @@ class Reference:
         self._settled(self.now_s)
 
 
+def _far_out(t_s: float, z: Floats) -> float:
+    """An event where a state is beyond any scale; one that is no number is not within it either."""
+    within = np.abs(z) <= RUNAWAY_MU
+    return -1.0 if not within.all() else float(RUNAWAY_MU - np.max(np.abs(z), initial=0.0))
+
+
+_far_out.terminal = True  # type: ignore[attr-defined]
+
 _FUNCTIONS: dict[int, Callable[[float, float, float], float]] = {
     SUM: lambda u, w, p: u,
     PRODUCT: lambda u, w, p: u * w,
-    QUOTIENT: lambda u, w, p: u / w,
+    QUOTIENT: lambda u, w, p: float(np.divide(u, w)),
     SQRT: lambda u, w, p: math.sqrt(max(u, 0.0)),
-    SIN: lambda u, w, p: math.sin(u),
-    COS: lambda u, w, p: math.cos(u),
+    SIN: lambda u, w, p: float(np.sin(u)),
+    COS: lambda u, w, p: float(np.cos(u)),
     POWER: lambda u, w, p: math.copysign(abs(u) ** p, u),
 }

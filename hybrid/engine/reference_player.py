@@ -1,0 +1,133 @@
+"""The reference as a player: whole runs with every lag resolved by SciPy, slow and independent.
+
+Stage 4. Converters, program, events and record are those of the other engines, as the kernel plays them;
+what lies between two instants is integrated by `Reference` at its tight tolerances.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from hybrid.engine import kernel
+from hybrid.engine.kernel import Floats, Score, State
+from hybrid.engine.linear import Overload, Player
+from hybrid.engine.reference import Chatters, Method, NotResolved, Reference, RunsAway
+from hybrid.engine.windows import CircuitPlayer
+from hybrid.scale import to_seconds
+
+# Cues between two looks at the progress bar.
+CHUNK_CUES = 50
+# Of every signal, and a hundredth of it where that is zero: some hundred times better than what the
+# nonlinear engine promises, without the steps becoming too short for the implicit method.
+TOLERANCE = 1e-10
+# An explicit method takes steps of a lag or two, however smooth the signals are; with more of the
+# shortest lag than this in the run, the implicit method is faster.
+MANY_LAGS = 1000
+# Beyond full scale by more than the integrator's own error.
+FULL_SCALE = 1.0 + 1e-9
+
+
+@dataclass
+class _Beyond:
+    """How signals went beyond full scale, step by step; between steps they go straight."""
+
+    last_s: float
+    last: Floats  # (signals,)
+    overloads: dict[int, list[float]] = field(default_factory=dict)
+
+    def __call__(self, t_s: float, signals: Floats) -> None:
+        """Go on to an instant."""
+        before, now = np.abs(self.last), np.abs(signals)
+        for i in np.flatnonzero((before > FULL_SCALE) | (now > FULL_SCALE)).tolist():
+            self._note(i, t_s, float(self.last[i]), float(signals[i]))
+        self.last_s, self.last = t_s, signals.copy()
+
+    def _note(self, i: int, t_s: float, before: float, now: float) -> None:
+        high, low = max(abs(before), abs(now)), min(abs(before), abs(now))
+        share = 1.0 if low > 1.0 else (high - 1.0) / (high - low)
+        rises, lasts_s = abs(now) > abs(before), t_s - self.last_s
+        worst, worst_s = (now, t_s) if rises else (before, self.last_s)
+        first_s = self.last_s + (lasts_s * (1.0 - share) if rises else 0.0)
+        found = self.overloads.setdefault(i, [first_s, worst, worst, worst_s, 0, 0.0])
+        if abs(worst) > abs(found[2]):
+            found[2:4] = worst, worst_s
+        found[4] += 1
+        found[5] += share * lasts_s
+
+
+class ReferencePlayer(CircuitPlayer):
+    """One run of a machine whose analog side is a circuit, by SciPy."""
+
+    reference: Reference
+    beyond: _Beyond
+
+    def _first_state(self) -> State:
+        """Every signal settled at t = 0."""
+        state = Player._first_state(self)
+        count = len(self.machine.analog.signals)
+        state = state._replace(v=np.concatenate([np.zeros(count), state.v]), next_v=np.zeros(count))
+        circuit, shortest_s = self.side.circuit, 0.0
+        if len(circuit.taus_s):
+            shortest_s = float(circuit.taus_s[0])
+        until_s = to_seconds(self.machine.timing.until)
+        method: Method = "Radau" if until_s > MANY_LAGS * shortest_s > 0.0 else "DOP853"
+        held = self.machine.analog.u0[self.side.held]
+        with np.errstate(all="ignore"):
+            self.reference = Reference(circuit, held, TOLERANCE, TOLERANCE / 100, method)
+            first = self.reference.signals()[self.side.place]
+        self.beyond = _Beyond(0.0, first)
+        self.reference.look = lambda t_s, signals: self.beyond(t_s, signals[self.side.place])
+        state.v[:count] = first
+        return state
+
+    def _chunk(self) -> int:
+        return CHUNK_CUES
+
+    def _play_to(self, score: Score, normals: Floats, stop_repeat: int, stop_cue: int) -> int:
+        """Play on in the segment; why it ended."""
+        counts = self.state.counts
+        while True:
+            outcome = Player._play_to(self, score, normals, stop_repeat, stop_cue)
+            if outcome != kernel.WAITING:
+                return outcome
+            outcome = self._follow(score.cues[counts[kernel.CUE]].tolist())
+            if outcome != kernel.WAITING:
+                return outcome
+            counts[kernel.CUE] += 1
+            if counts[kernel.CUE] == len(score.cues):
+                counts[kernel.CUE], counts[kernel.REPEAT] = 0, counts[kernel.REPEAT] + 1
+
+    def _follow(self, cue: list[int]) -> int:
+        """Advance the circuit to the cue's instant, or let it follow a jump; WAITING: done."""
+        clock, reference = self.clocks[self.segment], self.reference
+        start_s = clock.start_s + int(self.state.counts[kernel.REPEAT]) * clock.length_s
+        v, inputs_at = self.state.v, self.plant.kept.shape[0]
+        reference.held = v[inputs_at + self.side.held]
+        advances = cue[0] == kernel.ADVANCE
+        if not advances:  # something has jumped
+            reference.step_s = 0.0
+        reference.now_s = start_s + float(clock.instants_s[cue[2] - advances])
+        try:
+            with np.errstate(all="ignore"):
+                if advances:
+                    reference.play(float(clock.intervals_s[cue[1]]))
+                signals = reference.signals()[self.side.place]
+        except (Chatters, RunsAway, NotResolved) as reason:
+            self.side.stopped_s[0] = reference.now_s
+            why = {Chatters: kernel.CHATTERS, RunsAway: kernel.RUNAWAY}
+            return why.get(type(reason), kernel.NOT_RESOLVED)
+        self.beyond(reference.now_s, signals)
+        v[: len(signals)] = signals
+        return kernel.WAITING if np.all(np.abs(signals) <= kernel.RUNAWAY_MU) else kernel.RUNAWAY
+
+    def overloads(self) -> tuple[Overload, ...]:
+        """Converters as the kernel saw them; analog signals at every step of the integrator."""
+        signals = self.machine.analog.signals
+        found = [o for o in Player.overloads(self) if o.signal not in signals]
+        found += [
+            Overload(signals[i], first_s, value, worst, worst_s, int(steps), float(lasts_s))
+            for i, (first_s, value, worst, worst_s, steps, lasts_s) in self.beyond.overloads.items()
+        ]
+        return tuple(sorted(found, key=lambda o: (o.time_s, o.signal)))

@@ -1,0 +1,144 @@
+"""Three engines, one answer; and what each of them refuses."""
+
+import json
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+import hybrid
+from hybrid.cli import main
+from hybrid.compiler import compile_patch
+from hybrid.errors import PatchError, RunError
+from hybrid.patchfile import parse_duration
+from hybrid.runs import run
+
+RESOLUTION = 1e-9  # of the nonlinear engine, in full scales
+
+
+def short(name, until, **settings):
+    """A shipped patch that ends early."""
+    patch = hybrid.read_patch(name)
+    ended = replace(patch.run, until=parse_duration(until, "until"), **settings)
+    return replace(patch, run=ended, readouts=())
+
+
+def apart(one, other, machine):
+    """Largest difference of two records, of full scale."""
+    assert [p.name for p in one.pens] == [p.name for p in other.pens]
+    scale = [p.factor for p in one.pens]
+    return np.max(np.abs(one.rows - other.rows) / np.abs(scale))
+
+
+def test_the_three_engines_agree_on_the_pitch_loop():
+    """Converters, program and all. The reference's tolerance of 1e-10 adds up over 20 intervals."""
+    patch = short("pitch_loop", "20 ms")
+    found = {e: run(patch, machine="lags", engine=e) for e in ("exact", "nonlinear", "reference")}
+    assert {e: r.engine for e, r in found.items()} == {e: e for e in found}
+    assert all(r.status == "complete" and r.cycles == 20 for r in found.values())
+    for engine in ("nonlinear", "reference"):
+        assert apart(found["exact"], found[engine], "lags") < 2e-9, engine
+    assert np.ptp(found["exact"].record["theta"].values) > 1e-3
+
+
+# What the README promises of shipped nonlinear patches is 1e-7. A relay changes a signal at a full scale
+# in a lag of 1 us, so that a crossing that is off by the resolution over the slope shows there.
+@pytest.mark.parametrize(
+    ("name", "until", "bound"),
+    [
+        ("van_der_pol", "5 ms", 10 * RESOLUTION),
+        ("relay_servo", "3 ms", 1e-7),
+        ("bouncing_ball", "50 ms", 1e-7),
+    ],
+)
+def test_the_reference_agrees_on_nonlinear_patches(name, until, bound):
+    patch = short(name, until)
+    played, reference = run(patch), run(patch, engine="reference")
+    assert (played.engine, reference.engine) == ("nonlinear", "reference")
+    assert apart(played, reference, "lags") < bound
+    assert reference.overloads == played.overloads == ()
+
+
+OVERLOAD = """
+title: An oscillator that is scaled too small
+machine: lags
+analog:
+  x: {integrate: {v: 200}, initial: 0, full_scale: 1}
+  v: {integrate: {x: -200}, initial: 1.5, full_scale: 2}
+run: {until: 20 ms, every: 1 ms}
+"""
+
+
+def test_the_reference_tells_overloads_as_the_nonlinear_engine_does():
+    patch = hybrid.parse_patch(OVERLOAD)
+    (one,) = run(patch, engine="nonlinear").overloads
+    (other,) = run(patch, engine="reference").overloads
+    # Between steps of some 10 us signals go straight, which moves a crossing by 1e-8 s at most.
+    for key, bound in (("time_s", 1e-6), ("duration_s", 2e-6)):
+        assert other[key] == pytest.approx(one[key], abs=bound), key
+    # Eq. 2.3: two lags of 1 us make it grow by exp(omega^2 tau t), up to its top at pi / (2 omega).
+    top = 1.5 * np.exp(200**2 * 1e-6 * np.pi / 400)
+    assert other["worst_value"] == pytest.approx(top, abs=1e-6)
+    assert one["worst_value"] == pytest.approx(top, abs=1e-4)  # it looks more seldom
+
+
+@pytest.mark.parametrize("engine", ["nonlinear", "reference"])
+def test_a_patch_that_runs_away_is_stopped(engine):
+    """exp(1000 t) passes 1e12 at 27.63 ms."""
+    text = "title: Away\nmachine: ideal\nanalog:\n  x: {integrate: {x: 1000}, initial: 1, "
+    text += "full_scale: 1}\nrun: {until: 1 s, every: 1 ms}\n"
+    found = run(hybrid.parse_patch(text), engine=engine)
+    assert found.status == "stopped"
+    assert "the patch is unstable" in found.status_note
+    assert 27 <= len(found.time_s) <= 29
+    assert found.rows[-1, 0] == pytest.approx(np.exp(1000 * found.time_s[-1]), rel=1e-6)
+
+
+def test_an_interrupted_reference_keeps_what_was_done():
+    def interrupt(done):
+        if done > 0.3:
+            raise KeyboardInterrupt
+
+    found = run(
+        short("pitch_loop", "200 ms"), machine="lags", engine="reference", progress=interrupt
+    )
+    assert found.status == "interrupted"
+    assert 60 < len(found.time_s) < 120
+
+
+def test_the_exact_engine_names_what_is_not_linear():
+    with pytest.raises(
+        PatchError,
+        match=r"van_der_pol.yaml:24: the exact engine plays linear patches"
+        r" only: component 'square' \(multiply\) is not linear$",
+    ):
+        run("van_der_pol", engine="exact")
+    with pytest.raises(PatchError, match="its outputs saturate"):
+        run("pitch_loop", machine="howe_1964", engine="exact")
+
+
+def test_engines_that_do_not_fit():
+    with pytest.raises(RunError, match="unknown engine 'refrence'; did you mean 'reference'"):
+        run("pitch_loop", engine="refrence")
+    with pytest.raises(
+        RunError, match="unknown engine 3; valid: auto, exact, nonlinear, reference"
+    ):
+        run("pitch_loop", engine=3)
+    patch = hybrid.read_patch("pitch_loop")
+    with pytest.raises(RunError, match="compiled for the exact engine; give the patch"):
+        run(compile_patch(patch), engine="reference")
+    with pytest.raises(RunError, match="compiled for other engines"):
+        run(compile_patch(patch, as_circuit=True), engine="exact")
+
+
+def test_the_command(tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    order = ["run", "pitch_loop", "--until", "5 ms", "--no-chart", "--engine"]
+    assert main([*order, "reference", "--json"]) == 0
+    found = json.loads(capsys.readouterr().out)
+    assert found["engine"] == "reference"
+    assert found["prediction"][0]["closed_form"]["equation"] == "2.1"
+    assert main([*order, "nonlinear"]) == 0
+    assert ", nonlinear engine; 5 cycles" in capsys.readouterr().out
+    assert main([*order, "fast"]) == 2
+    assert "unknown engine 'fast'" in capsys.readouterr().err
