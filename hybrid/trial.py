@@ -49,11 +49,7 @@ class Trial:
     held_back: frozenset[str]  # signals that a saturation or a converter kept from going further
     interval_s: float
     rates_mu: dict[str, float]
-
-    @property
-    def tells(self) -> bool:
-        """Whether the magnitudes mean anything: not those of a run that ran away."""
-        return all(value < kernel.RUNAWAY_MU / 1e6 for value in self.largest_mu.values())
+    tells: bool  # whether the magnitudes mean anything: not those of a run that ran away
 
     def to_dict(self) -> dict[str, Any]:
         """How it went, as plain data; the figures stand with their signals."""
@@ -116,6 +112,7 @@ def _seen(
         frozenset(held_back),
         interval_s,
         _by_name(signals, first),
+        player.outcome != kernel.RUNAWAY,
     )
 
 

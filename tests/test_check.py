@@ -104,6 +104,14 @@ def test_a_patch_that_runs_away_gets_no_full_scales():
     assert (rows["x"].largest, rows["x"].proposed, rows["x"].remark) == (None, None, "")
 
 
+def test_a_full_scale_that_is_far_off_is_put_right():
+    """x' = 1e9 V/s for 1 s, where 10 V were thought enough; that is far, but no runaway."""
+    text = RUNAWAY.replace("{x: 100 1/s}", "{one: 1e9 1/s}").replace("initial: 1 V", "initial: 0 V")
+    _, rows = checked(text.replace("  x:", "  one: {constant: 1 V, full_scale: 1 V}\n  x:"))
+    assert rows["x"].largest == pytest.approx(1e9, rel=1e-12)
+    assert (rows["x"].proposed, rows["x"].remark) == (1e9, "beyond its range")
+
+
 CLIPPED = """
 title: What is held back
 machine: {preset: nominal, noise: 0, tolerance: 0}

@@ -5,6 +5,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from test_windows import EVERYTHING
 
 import hybrid
 from hybrid.cli import main
@@ -39,6 +40,16 @@ def test_the_three_engines_agree_on_the_pitch_loop():
     for engine in ("nonlinear", "reference"):
         assert apart(found["exact"], found[engine], "lags") < 2e-9, engine
     assert np.ptp(found["exact"].record["theta"].values) > 1e-3
+
+
+@pytest.mark.parametrize("tau", [0.0, 1e-4])
+def test_the_reference_agrees_on_every_linear_kind(tau):
+    """Skew, conversion time, memory, a late step, lags that the problem wants; 100 intervals."""
+    patch = hybrid.parse_patch(EVERYTHING)
+    exact = run(patch, {"tau": tau})
+    reference = run(patch, {"tau": tau}, engine="reference")
+    scale = [p.factor if p.kind != "word" else 1.0 for p in exact.pens]
+    assert np.max(np.abs(exact.rows - reference.rows) / scale) < 1e-8
 
 
 # What the README promises of shipped nonlinear patches is 1e-7. A relay changes a signal at a full scale

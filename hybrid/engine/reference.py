@@ -1,8 +1,8 @@
 """The same circuit integrated by SciPy at tight tolerances, to check the other engines against.
 
 Stage 4; `reference_player` plays whole runs with it. Every lag is a state and is resolved, pieces
-change at located events, and nothing but the flat `Circuit` is shared with the engine. Slow: a lag of
-1 us costs some 10^7 evaluations per second.
+change at located events, and nothing but the flat `Circuit` is shared with the engine. Slow: lags
+of 1 us cost some 10^6 to 10^7 evaluations a machine second.
 """
 
 from __future__ import annotations
