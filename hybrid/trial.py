@@ -1,7 +1,8 @@
 """A trial run: how far every analog signal goes, and which full scales would hold it.
 
-Stage 6, for `checks`. It is a run of the machine as it is compiled, seed 0, of which nothing is written.
-It is cut where it takes longer than an operator would wait, and says so.
+Stage 6, for `checks`. It is a run of the machine as it is compiled, but without noise, which needs no
+range and would hide a rate. Nothing is written. It is cut where it
+takes longer than an operator would wait, and says so.
 """
 
 from __future__ import annotations
@@ -65,6 +66,7 @@ class Trial:
 def try_out(machine: Machine, longest_wall_s: float | None = None) -> Trial:
     """Play the machine to its end, or for `longest_wall_s`, and see how far its signals go."""
     limit_s = LONGEST_WALL_S if longest_wall_s is None else longest_wall_s
+    machine = _without_noise(machine)
     signals = machine.analog.signals
     most_cues = max(MOST_KEPT // len(signals), 2)
     pens = tuple(Pen(name, "analog", i, 1.0) for i, name in enumerate(signals))
@@ -83,6 +85,12 @@ def try_out(machine: Machine, longest_wall_s: float | None = None) -> Trial:
         player.state.counts[kernel.ROWS] = 0
         began = began or time.monotonic()
     return _seen(machine, player, ending(player), largest, head)
+
+
+def _without_noise(machine: Machine) -> Machine:
+    quiet = {name: replace(stage, noise=0.0) for name, stage in machine.stages.items()}
+    analog = replace(machine.analog, noise=np.zeros_like(machine.analog.noise))
+    return replace(machine, analog=analog, stages=quiet)
 
 
 def _seen(

@@ -112,6 +112,17 @@ def test_a_full_scale_that_is_far_off_is_put_right():
     assert (rows["x"].proposed, rows["x"].remark) == (1e9, "beyond its range")
 
 
+def test_noise_takes_no_range():
+    """Without noise what stays at zero does, and the first rate of a ramp is what it is by hand."""
+    noisy, rows = checked(SCALES.replace("machine: ideal", "machine: nominal"), serial=2)
+    assert rows["none"].remark == "stays at zero"
+    error = noisy.rates[0].gain_error
+    push = noisy.machine.stages["push"].gain
+    late = 1e-6 / 1e-3  # its own lag, of the first interval
+    rate = 4 * 0.5 / 2 * push * (1 + error)
+    assert noisy.rates[0].first_mu == pytest.approx(rate * (1 - late), rel=1e-9)
+
+
 CLIPPED = """
 title: What is held back
 machine: {preset: nominal, noise: 0, tolerance: 0}
