@@ -240,6 +240,7 @@ def batch_command(options: argparse.Namespace) -> int:
     """hybrid batch."""
     patch, parameters = patch_and_parameters(options)
     from hybrid.batches import batch, check_batch, orders_of
+    from hybrid.engines import engine_of
     from hybrid.storage import write_dataset
 
     lists, serials = combined(options, patch, parameters)
@@ -247,7 +248,7 @@ def batch_command(options: argparse.Namespace) -> int:
     out = batch_file(options, patch)
     first = check_batch(patch, orders, differ, options.machine, options.jobs)
     writable(out, out.with_suffix(".png"))
-    say_if_compiling(first)
+    say_if_compiling(engine_of(first, "auto"))
     interrupts.hear()
     with Progress("running") as progress:
         result = batch(
