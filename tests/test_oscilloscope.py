@@ -1,0 +1,112 @@
+"""The oscilloscope: triggers, scales, what is drawn and what is refused."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+import xarray as xr
+from matplotlib.collections import LineCollection
+
+from hybrid.charts.oscilloscope import ACROSS, UPWARD, nice_division, oscilloscope, triggers
+from hybrid.errors import RunError
+
+
+def record(rows: int = 2001, omega: float = 10.0, until_s: float = 4.0) -> xr.Dataset:
+    time_s = np.linspace(0.0, until_s, rows)
+    wave = 0.7 * np.sin(omega * time_s) + 0.1
+    about = {"units": "rad", "full_scale": 1.0, "kind": "analog"}
+    return xr.Dataset(
+        {"wave": ("time", wave, about), "word": ("time", np.ones(rows), {"units": ""})},
+        {"time": ("time", time_s, {"units": "s"})},
+        {"title": "Wave", "patch": "wave.yaml", "machine": "ideal", "seed": 0},
+    )
+
+
+def beams(figure) -> list[list[np.ndarray]]:
+    """Paths of each signal's sweeps, without the graticule and the glow."""
+    (axes,) = figure.axes
+    found = [c for c in axes.collections if isinstance(c, LineCollection)][1:]
+    return [lines.get_segments() for lines in found[1::2]]
+
+
+@pytest.mark.parametrize(
+    ("least", "expected"),
+    [(0.0, 1.0), (1.0, 1.0), (1.01, 2.0), (0.021, 0.05), (0.06, 0.1), (300.0, 500.0)],
+)
+def test_divisions_are_those_of_an_instrument(least: float, expected: float) -> None:
+    assert nice_division(least) == pytest.approx(expected, rel=1e-15)
+
+
+def test_a_wave_triggers_where_it_rises_through_its_middle() -> None:
+    data = record()
+    time_s, wave = data["time"].values, data["wave"].values
+    sweeps = triggers(time_s, wave)
+    starts_s = np.array([start_s for start_s, _ in sweeps])
+    # 0.7 sin(10 t) rises through 0 at t = 2 pi k / 10; a chord between rows h apart is off by
+    # omega h / 8 of h at most, and the middle between the extreme rows by (omega h / 2)^2 / 2.
+    step_s = float(time_s[1])
+    exact = 2 * np.pi * np.round(starts_s * 10.0 / (2 * np.pi)) / 10.0
+    assert np.all(np.diff(exact) > 0.6)
+    assert np.max(np.abs(starts_s - exact)) < step_s * 10.0 * step_s
+    lengths = {round(end_s - start_s, 9) for start_s, end_s in sweeps}
+    # Two cycles are 1.2566 s: the next scale of ten divisions is 0.2 s each.
+    assert lengths == {2.0}
+    assert sweeps[-1][1] <= time_s[-1]
+
+
+def test_what_never_rises_twice_is_one_sweep() -> None:
+    time_s = np.linspace(0.0, 1.0, 11)
+    assert triggers(time_s, np.exp(-time_s)) == [(0.0, 1.0)]
+    assert triggers(time_s, np.ones(11)) == [(0.0, 1.0)]
+
+
+def test_sweeps_lie_upon_each_other() -> None:
+    data = record()
+    period_s = 2 * np.pi / 10.0
+    figure = oscilloscope(
+        data, ["wave", "word"], [(k * period_s, (k + 1) * period_s) for k in range(6)]
+    )
+    wave, word = beams(figure)
+    assert len(wave) == len(word) == 6
+    for path in wave:  # in divisions: 0.1 s across, 0.2 rad upward
+        x, y = path.T
+        assert x.min() >= -1e-9
+        assert x.max() <= period_s / 0.1 + 1e-9
+        assert y == pytest.approx((0.7 * np.sin(x) + 0.1) / 0.2, abs=1e-9)
+    axes = figure.axes[0]
+    assert axes.get_xlim() == (0, ACROSS)
+    assert axes.get_ylim() == (-UPWARD / 2, UPWARD / 2)
+    said = [text.get_text() for text in axes.texts]
+    assert said == ["wave: 0.2 rad a division", "word: 0.5 a division"]
+    assert "6 sweeps" in figure.texts[1].get_text()
+
+
+def test_older_sweeps_fade() -> None:
+    sweeps = [(0.1 * k, 0.1 * k + 0.1) for k in range(40)]
+    (axes,) = oscilloscope(record(), ["wave"], sweeps, persistence=4.0).axes
+    beam = axes.collections[-1]
+    bright = beam.get_colors()[:, 3]
+    assert len(bright) == 40
+    assert bright[-1] == 1.0
+    assert bright[-5] == pytest.approx(np.exp(-1.0))
+    assert np.all(np.diff(bright) >= 0.0)
+    assert bright[0] > 0.0
+
+
+def test_a_record_that_ends_early_shows_what_it_has() -> None:
+    figure = oscilloscope(record(until_s=1.0), ["wave"], [(0.0, 0.8), (0.8, 1.6), (1.6, 2.4)])
+    assert "2 sweeps of 3" in figure.texts[1].get_text()
+
+
+@pytest.mark.parametrize(
+    ("signals", "sweeps", "said"),
+    [
+        (["wav"], [(0.0, 1.0)], "did you mean 'wave'"),
+        ([], [(0.0, 1.0)], "needs a signal"),
+        (["wave"], [(5.0, 6.0)], "no sweep"),
+        (["wave"], [], "no sweep"),
+    ],
+)
+def test_what_cannot_be_shown_is_refused(signals, sweeps, said: str) -> None:
+    with pytest.raises(RunError, match=said):
+        oscilloscope(record(), signals, sweeps)
