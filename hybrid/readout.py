@@ -118,7 +118,8 @@ def _no_answer(reason: str, rows: int, kind: str = "none") -> Transient:
 def _unusable(window: Array) -> str:
     """Why the rows are no record; empty if they are one."""
     if len(window) < FEWEST_ROWS:
-        return f"{len(window)} rows are too few; {FEWEST_ROWS} or more are needed"
+        few = "1 row is" if len(window) == 1 else f"{len(window)} rows are"
+        return f"{few} too few; {FEWEST_ROWS} or more are needed"
     if not math.isfinite(float(window.max()) - float(window.min())):
         bad = np.flatnonzero(~np.isfinite(window))
         return f"row {bad[0]} is not a finite number" if len(bad) else "the values are too large"

@@ -150,7 +150,8 @@ def parse_range(text: str, number: Callable[[str], float]) -> npt.NDArray[np.flo
     if len(parts) not in (3, 4) or (len(parts) == 4 and parts[3] not in ("log", "lin")):
         raise RunError(f"range {quoted(text)} must be START:STOP:COUNT or START:STOP:COUNT:log")
     start, stop = number(parts[0]), number(parts[1])
-    if not parts[2].isdecimal() or len(parts[2]) > 9 or not 1 <= int(parts[2]) <= MOST_POINTS:
+    plain = parts[2].isascii() and parts[2].isdecimal()
+    if not plain or len(parts[2]) > 9 or not 1 <= int(parts[2]) <= MOST_POINTS:
         raise RunError(
             f"COUNT is {quoted(parts[2])}; it must be a whole number from 1 to {MOST_POINTS}"
         )

@@ -237,6 +237,7 @@ class TestCommand:
         [
             (["--out", "missing/loop.svg"], "cannot write missing"),
             (["--out", "loop.png"], "ending in .svg"),
+            (["--out", " "], "--out is empty"),
             (["--set", "cycl=1 ms"], "did you mean 'cycle'"),
             (["--set", "cycle=0 s"], "must be greater than 0"),
         ],

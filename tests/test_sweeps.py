@@ -108,6 +108,7 @@ REFUSED = {
     "none": (("rate", None), {}, "list of numbers"),
     "a text": (("rate", "much"), {}, "START:STOP:COUNT"),
     "texts": (("rate", ["much"]), {}, "names are not known"),
+    "digits of another script": (("rate", "1:2:\u0663"), {}, "must be a whole number"),
     "nested": (("rate", [[1, 2]]), {}, "finite number"),
     "table": (("rate", np.ones((2, 2))), {}, "list of numbers"),
     "nan": (("rate", [float("nan")]), {}, "finite number"),

@@ -80,6 +80,8 @@ def save_diagram(
     patch: Patch, parameters: Mapping[str, float] | None, path: str | Path | None
 ) -> str:
     """Write the diagram, by default to the patch's name with .svg; returns the file's name."""
+    if path is not None and not str(path).strip():
+        raise RunError("--out is empty; name an SVG file")
     target = Path(path or f"{Path(patch.file).stem or 'patch'}.svg")
     if target.suffix.lower() != ".svg":
         raise RunError(f"--out {target} must be an SVG file, ending in .svg")
