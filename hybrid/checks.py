@@ -272,8 +272,9 @@ def _pots(machine: Machine) -> tuple[PotRow, ...]:
             entries["(itself)"] = core.feedback
         if core.initial is not None:
             entries["(initial)"] = core.initial / own
-        if component.kind in ("constant", "step"):
-            entries["(reference)"] = (core.constant + (core.step.height if core.step else 0)) / own
+        if component.kind == "constant" or core.steps:
+            stepped = core.steps[0].value if core.steps else 0.0
+            entries["(reference)"] = (stepped if core.integrated else core.constant + stepped) / own
         rows += [_pot(component.name, name, value) for name, value in entries.items()]
     return tuple(rows)
 

@@ -1,7 +1,8 @@
 """Layout of an analog side that is not linear: its elements in machine units.
 
-Stage 3, beside `layout`, which makes matrices of a linear one. A component becomes one element or two:
-a source that swings or jumps, or a wanted lag with a lag of its own, has a hidden one in front.
+Stage 3, beside `layout`, which makes matrices of a linear one. A component becomes one element or more:
+a source that swings or jumps, a wanted lag with a lag of its own, or a circuit of several parts has
+hidden ones in front, named `component:what`.
 """
 
 from __future__ import annotations
@@ -13,13 +14,15 @@ from dataclasses import replace
 
 import numpy as np
 
-from hybrid.components import CATALOG, Core, Given
+from hybrid.components import CATALOG, Given
 from hybrid.components.linear import Integrate
-from hybrid.elements import INNER, INPUT, INTEGRATE, SINE, SUM, Element
-from hybrid.errors import PatchError
-from hybrid.layout import ONE, AnalogLayout
+from hybrid.elements import INPUT, INTEGRATE, SINE, SUM, Element
+from hybrid.layout import AnalogLayout
 from hybrid.machine import Analog, OutputStage, StepEvent
 from hybrid.patch import Component, Patch
+
+# Ends the name of a source's hidden element that controls others.
+GATE = ":gate"
 
 Elements = tuple[tuple[str, Element], ...]
 
@@ -52,22 +55,18 @@ class _CircuitLayout(AnalogLayout):
     ) -> None:
         self.given: dict[str, Given] = {}
         super().__init__(patch, scope, stages)
+        controls = {c.control for c in patch.components if c.control}
+        # Sources that control something: it follows their edges at once, without their lag.
+        self.gates = {name for name, core in self.cores.items() if core.steps} & controls
 
-    def _core(self, component: Component, scope: Mapping[str, float]) -> Core:
-        """A core where the kind has one; of the others what they are given is kept."""
-        kind = CATALOG[component.kind]
-        given = _given(component, scope)
-        complaint = kind.unsuitable(given)
-        if complaint:
-            raise PatchError(f"component {component.name!r} {complaint}", component.place)
-        self.given[component.name] = given
-        return super()._core(component, scope) if kind.is_linear else Core()
+    def given_to(self, component: Component, scope: Mapping[str, float]) -> Given:
+        """The same, kept for the component's elements."""
+        return self.given.setdefault(component.name, super().given_to(component, scope))
 
     def build_circuit(self) -> tuple[Analog, tuple[StepEvent, ...], Elements]:
         """Everything the machine needs of the analog side."""
         self.reject_lagless_loops()
-        step_names = [name for name, core in self.cores.items() if core.step]
-        inputs = (ONE, *self.dacs, *step_names)
+        inputs = self.held_inputs()
         none, count = np.zeros((0, 0)), len(self.signals)
         analog = Analog(
             self.signals,
@@ -78,14 +77,13 @@ class _CircuitLayout(AnalogLayout):
             none,
             np.zeros((count, len(inputs))),
             np.zeros(0),
-            self.first_inputs(len(inputs)),
+            self.first_inputs(inputs),
             np.array([self.scale[s] for s in self.signals]),
             np.full(count, math.nan),
             (),
         )
-        steps = tuple(self.step(n, len(self.dacs) + 1 + i) for i, n in enumerate(step_names))
         found = [pair for name in self.signals for pair in self._elements(name)]
-        return analog, steps, tuple(found)
+        return analog, self.steps(inputs), tuple(found)
 
     def inputs_of(self, name: str) -> list[str]:
         """Signals that a component reads at the same instant."""
@@ -106,9 +104,14 @@ class _CircuitLayout(AnalogLayout):
     def _static(self, name: str, stage: OutputStage) -> Iterator[tuple[str, Element]]:
         core, full_scale = self.cores[name], self.scale[name]
         first, hidden = self._scaled(core.gains, name), f"{name}:source"
-        if core.step:
+        if core.steps:
             yield hidden, Element(INPUT)
-            first = {**first, hidden: 1.0}
+            if core.integrated:
+                yield f"{name}:ramp", Element(INTEGRATE, {hidden: 1.0})
+            elif name in self.gates:
+                level = core.constant / full_scale
+                yield name + GATE, Element(SUM, {hidden: 1.0}, level)
+            first = {**first, f"{name}:ramp" if core.integrated else hidden: 1.0}
         if core.oscillation:
             wave = core.oscillation
             amplitude = self.checked(name, wave.amplitude / full_scale)
@@ -152,34 +155,38 @@ class _CircuitLayout(AnalogLayout):
 
     def _nonlinear(self, name: str, stage: OutputStage) -> Iterator[tuple[str, Element]]:
         """The kind's element, which is in SI units inside, with inputs and output scaled."""
-        kind, given, full_scale = (
-            CATALOG[self.components[name].kind],
-            self.given[name],
-            self.scale[name],
-        )
-        made, hidden = kind.element(given), f"{name}:source"
-        inner = kind.inner(given)
-        if inner:
-            yield hidden, inner
+        kind, given = CATALOG[self.components[name].kind], self.given[name]
+        full_scale = self.scale[name]
+        if self.cores[name].steps:
+            yield f"{name}:source", Element(INPUT)
+        for hidden, element in kind.inner(given).items():
+            yield name + hidden, self._reading(name, element)
+        made = self._reading(name, kind.element(given))
         scaled = replace(
             made,
-            first=self._in_si(made.first, hidden),
-            second=self._in_si(made.second, hidden),
             initial=made.initial / full_scale,
             gain=self.checked(name, made.gain / full_scale),
         )
         yield name, _with_errors(scaled, stage)
 
+    def _reading(self, name: str, element: Element) -> Element:
+        """The element with signals read in SI units and the component's hidden elements as they are."""
+
+        def scaled(gains: Mapping[str, float]) -> dict[str, float]:
+            hidden = {name + s: gain for s, gain in gains.items() if s.startswith(":")}
+            open_ = {s: gain * self.scale[s] for s, gain in gains.items() if not s.startswith(":")}
+            return {s: self.checked(name, gain) for s, gain in {**open_, **hidden}.items()}
+
+        control = element.control
+        if control in self.gates:
+            control = f"{control}{GATE}"
+        first, second = scaled(element.first), scaled(element.second)
+        return replace(element, first=first, second=second, control=control)
+
     def _scaled(self, gains: Mapping[str, float], name: str) -> dict[str, float]:
         """Gains in machine units."""
         own = self.scale[name]
         return {s: self.checked(name, gains[s] * self.scale[s] / own) for s in sorted(gains)}
-
-    def _in_si(self, gains: Mapping[str, float], hidden: str) -> dict[str, float]:
-        return {
-            hidden if s == INNER else s: gain * (1.0 if s == INNER else self.scale[s])
-            for s, gain in gains.items()
-        }
 
 
 def _with_errors(element: Element, stage: OutputStage) -> Element:
@@ -190,15 +197,4 @@ def _with_errors(element: Element, stage: OutputStage) -> Element:
         offset=stage.offset,
         saturation=stage.saturation,
         lag_s=stage.tau,
-    )
-
-
-def _given(component: Component, scope: Mapping[str, float]) -> Given:
-    points = sorted((x.number(scope), y.number(scope)) for x, y in component.points)
-    return Given(
-        {key: value.number(scope) for key, value in component.values.items()},
-        {signal: value.number(scope) for signal, value in component.terms},
-        component.signals,
-        component.control,
-        tuple(points),
     )

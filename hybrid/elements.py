@@ -23,9 +23,6 @@ from dataclasses import dataclass, field, replace
 INPUT, SINE, SUM, PIECES, SWITCH, TRACK = 0, 1, 2, 3, 4, 5
 PRODUCT, QUOTIENT, SQRT, SIN, COS, POWER, INTEGRATE = 6, 7, 8, 9, 10, 11, 12
 
-# Stands for the component's inner element among the inputs of its element.
-INNER = ":inner"
-
 
 @dataclass(frozen=True, slots=True)
 class Element:

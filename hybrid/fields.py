@@ -278,6 +278,7 @@ class Fields:
         value, found = self.value_of(tree, what)
         wanted = {
             Unit.OWN: own.dimension if own else PURE,
+            Unit.OWN_RATE: (own.dimension if own else PURE) / TIME,
             Unit.PURE: PURE,
             Unit.TIME: TIME,
             Unit.RATE: _RATE,

@@ -27,6 +27,7 @@ class Unit(Enum):
     """Which physical dimension a quantity must have."""
 
     OWN = "that of full_scale"
+    OWN_RATE = "that of full_scale, per time"
     PURE = "none"
     TIME = "time, such as 1 ms"
     RATE = "1/time, such as 3 1/s or 10 rad/s"

@@ -8,11 +8,11 @@ from __future__ import annotations
 
 import functools
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 
-from hybrid.components import CATALOG, Core
+from hybrid.components import CATALOG, Core, Given
 from hybrid.errors import PatchError
 from hybrid.graph import dependency_order, find_loop
 from hybrid.machine import Analog, Floats, OutputStage, StepEvent
@@ -21,6 +21,8 @@ from hybrid.scale import to_ticks
 
 # The input that is always 1; no signal can have this name.
 ONE = ":one"
+# Ends of the names of states that belong to sources: they only drive.
+SOURCE_STATES = (":sin", ":cos", ":ramp")
 # Gains and rates in machine units: no machine has more, and sums of more would overflow. As a rate
 # it is one full scale in a femtosecond, the resolution of time.
 LARGEST_FIGURE = 1e15
@@ -101,9 +103,11 @@ class AnalogLayout:
         return figure
 
     def _core(self, component: Component, scope: Mapping[str, float]) -> Core:
-        values = {key: value.number(scope) for key, value in component.values.items()}
-        gains = {signal: value.number(scope) for signal, value in component.terms}
-        core = CATALOG[component.kind].core(values, gains)
+        kind, given = CATALOG[component.kind], self.given_to(component, scope)
+        complaint = kind.unsuitable(given)
+        if complaint:
+            raise PatchError(f"component {component.name!r} {complaint}", component.place)
+        core = kind.core(given.values, given.gains)
         if core.initial is not None:
             self._check_initial(component.name, core.initial, component.values["initial"])
         self.checked(component.name, core.feedback)
@@ -111,12 +115,25 @@ class AnalogLayout:
             self.checked(component.name, core.oscillation.omega)
         return core
 
+    def given_to(self, component: Component, scope: Mapping[str, float]) -> Given:
+        """What the patch gives a component, as numbers."""
+        points = sorted((x.number(scope), y.number(scope)) for x, y in component.points)
+        return Given(
+            {key: value.number(scope) for key, value in component.values.items()},
+            {signal: value.number(scope) for signal, value in component.terms},
+            component.signals,
+            component.control,
+            tuple(points),
+            self.scale[component.name],
+            {signal: self.scale[signal] for signal in component.sources},
+            self.stages[component.name].saturation,
+        )
+
     def build(self) -> tuple[Analog, tuple[StepEvent, ...]]:
         """The matrices, and the steps of the sources."""
         self.reject_lagless_loops()
         states = self._name_states()
-        step_names = [n for n, core in self.cores.items() if core.step]
-        inputs = [ONE, *self.dacs, *step_names]
+        inputs = self.held_inputs()
         self.n = len(states)
         self.column: dict[tuple[str, str], int] = {("x", s): i for i, s in enumerate(states)}
         self.column |= {("u", s): self.n + i for i, s in enumerate(inputs)}
@@ -137,19 +154,27 @@ class AnalogLayout:
             noisy,
             np.array([c[s] for s in self.signals]).reshape(len(self.signals), len(self.column)),
             x0,
-            self.first_inputs(len(inputs)),
+            self.first_inputs(inputs),
             np.array([self.scale[s] for s in self.signals]),
             np.array([static[s] for s in self.signals]),
-            tuple(i for i, s in enumerate(states) if s.endswith((":sin", ":cos"))),
+            tuple(i for i, s in enumerate(states) if s.endswith(SOURCE_STATES)),
         )
-        return analog, tuple(self.step(n, len(self.dacs) + 1 + i) for i, n in enumerate(step_names))
+        return analog, self.steps(inputs)
 
-    def step(self, name: str, index: int) -> StepEvent:
-        """The step of a source that drives held input `index`."""
-        step = self.cores[name].step
-        assert step is not None
-        height = self.checked(name, step.height / self.scale[name])
-        return StepEvent(name, index, height, to_ticks(step.at_s))
+    def steps(self, inputs: Sequence[str]) -> tuple[StepEvent, ...]:
+        """Whatever changes the held inputs of sources."""
+        return tuple(
+            StepEvent(
+                name,
+                index,
+                self._level(name, step.value),
+                to_ticks(step.at_s),
+                to_ticks(step.every_s),
+            )
+            for index, name in enumerate(inputs)
+            if name in self.cores
+            for step in self.cores[name].steps
+        )
 
     def reject_lagless_loops(self) -> None:
         """Static parts without lag must not feed each other in a circle."""
@@ -168,12 +193,20 @@ class AnalogLayout:
                 self.components[loop[0]].place,
             )
 
-    def first_inputs(self, count: int) -> Floats:
-        """The held inputs at t = 0: the constant 1, the DACs, the step sources."""
-        u0 = np.zeros(count)
-        u0[0] = 1.0
-        u0[1 : 1 + len(self.dacs)] = [self.held_mu[name] for name in self.dacs]
-        return u0
+    def _level(self, name: str, value: float) -> float:
+        """What a source holds; a kind that is not linear makes of it what it will."""
+        scale = self.scale[name] if CATALOG[self.components[name].kind].is_linear else 1.0
+        return self.checked(name, value / scale)
+
+    def held_inputs(self) -> tuple[str, ...]:
+        """Names of the held inputs: the constant 1, the DACs, the sources that step."""
+        return (ONE, *self.dacs, *(name for name, core in self.cores.items() if core.steps))
+
+    def first_inputs(self, inputs: Sequence[str]) -> Floats:
+        """The held inputs at t = 0."""
+        sources = {name: self._level(name, core.held) for name, core in self.cores.items()}
+        first = {ONE: 1.0, **self.held_mu, **sources}
+        return np.array([first[name] for name in inputs])
 
     def inputs_of(self, name: str) -> list[str]:
         """Signals that a component reads at the same instant."""
@@ -189,6 +222,8 @@ class AnalogLayout:
                 states.append(name)
             if core and core.oscillation:
                 states += [name + ":cos", name + ":sin"]
+            if core and core.integrated:
+                states.append(name + ":ramp")
         return states
 
     def _unit_row(self, kind: str, name: str) -> Floats:
@@ -219,8 +254,8 @@ class AnalogLayout:
             gain = core.gains[signal] * self.scale[signal] / full_scale
             row += self.checked(name, gain) * rows[signal]
         row[self.column["u", ONE]] += self.checked(name, core.constant / full_scale)
-        if core.step:
-            row += self._unit_row("u", name)
+        if core.steps:
+            row += self._unit_row(*(("x", name + ":ramp") if core.integrated else ("u", name)))
         if core.oscillation:
             amplitude = self.checked(name, core.oscillation.amplitude / full_scale)
             row += amplitude * self._unit_row("x", name + ":sin")
@@ -245,6 +280,8 @@ class AnalogLayout:
             sine, cosine = self.column["x", name + ":sin"], self.column["x", name + ":cos"]
             rates[sine, cosine] = core.oscillation.omega
             rates[cosine, sine] = -core.oscillation.omega
+        if core and core.integrated:
+            rates[self.column["x", name + ":ramp"], self.column["u", name]] = 1.0
         if output is None or held is None:
             return
         row = self._core_row(name, c)
@@ -275,7 +312,7 @@ class AnalogLayout:
             for signal, gain in core.gains.items():
                 scaled = gain * self.scale[signal] / self.scale[name]
                 matrix[i, index[signal]] -= factor * stage.gain * scaled
-            source = core.constant
+            source = core.constant + (0.0 if core.integrated else core.held)
             if core.oscillation:
                 source += core.oscillation.amplitude * math.sin(core.oscillation.phase)
             offset = stage.offset * self.offset_rate(name)
@@ -297,6 +334,8 @@ class AnalogLayout:
 
     def _initial(self, state: str, static: Mapping[str, float]) -> float:
         name, _, part = state.partition(":")
+        if part == "ramp":
+            return 0.0
         if part in ("sin", "cos"):
             oscillation = self.cores[name].oscillation
             assert oscillation is not None

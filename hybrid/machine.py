@@ -79,12 +79,13 @@ class Holder:
 
 @dataclass(frozen=True, slots=True)
 class StepEvent:
-    """A held input that changes once."""
+    """A held input that takes a value, once or again and again."""
 
     name: str
     input: int
     value: float
     at_ticks: int
+    every_ticks: int = 0  # 0: once
 
 
 @dataclass(frozen=True, slots=True)

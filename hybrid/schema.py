@@ -39,6 +39,7 @@ EXAMPLE: Mapping[str, Any] = {
 
 _QUANTITY_EXAMPLES = {
     Unit.OWN: ["0.1 rad", 0.1],
+    Unit.OWN_RATE: ["0.1 rad/s", 0.1],
     Unit.PURE: [0.0001, "0.01 %"],
     Unit.TIME: ["1 ms", "2*cycle"],
     Unit.RATE: ["10 rad/s", "omega_p"],

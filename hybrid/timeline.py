@@ -9,7 +9,7 @@ nowhere else. With x- the analog state just before an instant and x+ just after:
     START    programs whose conversions are complete read their words and compute
     END      programs whose compute time ends: their results become readable
     LATCH    DACs take those results: from here on it is x+
-    SOURCE   step sources change
+    SOURCE   sources step
     RECORD   a row of the record is taken; it shows x+
     REST     nothing; the analog side runs on to the end of the stretch
 
@@ -19,18 +19,19 @@ Ties within one kind go by name. An event has an offset within its segment; a se
 
 from __future__ import annotations
 
+import bisect
 import functools
 import itertools
 import math
-from collections.abc import Generator, Iterator
+from collections.abc import Generator, Iterator, Sequence
 from dataclasses import dataclass
 from enum import IntEnum
-from typing import Any
+from typing import Any, NoReturn
 
 import simpy
 
 from hybrid.errors import PatchError
-from hybrid.machine import Machine
+from hybrid.machine import Machine, StepEvent
 from hybrid.scale import to_seconds
 
 # Periods without a usable common multiple are laid out event by event, up to this many events.
@@ -92,13 +93,17 @@ def build_timeline(machine: Machine) -> Timeline:
     """
     timing = machine.timing
     stretch = math.lcm(*(t for t in (timing.period, timing.every) if t))
-    steps = [(s.at_ticks, int(Happening.SOURCE), i) for i, s in enumerate(machine.steps)]
-    steps = [s for s in steps if s[0] <= timing.until]
     warm_up = -(-(machine.latency_ticks + 1) // stretch)
+    waves = {s.every_ticks for s in machine.steps if s.every_ticks}
+    together = math.lcm(stretch, *waves)
+    if timing.until >= (warm_up + 2) * together:
+        stretch, edges = together, edges_of(machine.steps)
+    else:  # a wave that never falls in with the clock: one edge after the other
+        edges = _one_by_one(machine)
     if timing.until < (warm_up + 2) * stretch:
-        segments = _flat(machine, steps)
+        segments = _flat(machine, edges)
     else:
-        segments = _tiled(machine, stretch, warm_up, steps)
+        segments = _tiled(machine, stretch, warm_up, edges)
     _refuse_many_intervals(machine, segments)
     return Timeline(
         tuple(segments),
@@ -108,8 +113,61 @@ def build_timeline(machine: Machine) -> Timeline:
     )
 
 
-def _refuse_too_many(machine: Machine, until: int) -> None:
+@dataclass(frozen=True, slots=True)
+class Edges:
+    """When sources step: once, in order of time, and waves as (first, period, index), all in ticks."""
+
+    once: tuple[tuple[int, int], ...]  # tick, index
+    waves: tuple[tuple[int, int, int], ...]
+
+    def within(self, start: int, end: int) -> list[Event]:
+        """The events from `start` until before `end`, counted from `start`."""
+        low, high = (bisect.bisect_left(self.once, (tick, -1)) for tick in (start, end))
+        found = [(tick - start, index) for tick, index in self.once[low:high]]
+        for first, period, index in self.waves:
+            begin = first + max(0, -(-(start - first) // period)) * period
+            found += [(tick - start, index) for tick in range(begin, end, period)]
+        return [(tick, int(Happening.SOURCE), index) for tick, index in found]
+
+    def breaks(self) -> list[int]:
+        """Ticks at which a stretch is not like the one before it."""
+        return [tick for tick, _ in self.once] + [first for first, _, _ in self.waves]
+
+
+def edges_of(steps: Sequence[StepEvent]) -> Edges:
+    """The edges of all sources, waves as such."""
+    once = sorted((s.at_ticks, i) for i, s in enumerate(steps) if not s.every_ticks)
+    waves = [(s.at_ticks, s.every_ticks, i) for i, s in enumerate(steps) if s.every_ticks]
+    return Edges(tuple(once), tuple(waves))
+
+
+def _refuse_wave(machine: Machine, index: int, length: int) -> NoReturn:
+    name, period = machine.steps[index].name, machine.steps[index].every_ticks
+    place = next(c.place for c in machine.patch.components if c.name == name)
+    raise PatchError(
+        f"component {name!r} has a period of {to_seconds(period):.12g} s, {length / period:.3g} of them "
+        f"in {to_seconds(length):.6g} s that must be laid out edge by edge (at most "
+        f"{MOST_FLAT_EVENTS}); make it, the record interval and the digital period small multiples of "
+        "each other",
+        place,
+    )
+
+
+def _one_by_one(machine: Machine) -> Edges:
+    """The edges of all sources until the end of the run, each by itself."""
+    until, edges = machine.timing.until, edges_of(machine.steps)
+    for first, period, index in edges.waves:
+        if (until - first) // period > MOST_FLAT_EVENTS:
+            _refuse_wave(machine, index, until - first)
+    events = edges.within(0, until + 1)
+    return Edges(tuple(sorted((tick, index) for tick, _, index in events)), ())
+
+
+def _refuse_too_many(machine: Machine, until: int, edges: Edges) -> None:
     """Laying out events one by one is for short stretches only."""
+    for _, period, index in edges.waves:
+        if until // period > MOST_FLAT_EVENTS:
+            _refuse_wave(machine, index, until)
     timing = machine.timing
     per_cycle = 3 + 2 * len(machine.samplers) + len(machine.holders)
     count = until // timing.every
@@ -130,6 +188,8 @@ def _refuse_many_intervals(machine: Machine, segments: list[Segment]) -> None:
     analog = machine.analog
     size = (len(analog.states) + len(analog.inputs)) * (len(analog.states) + len(analog.signals))
     most = min(MOST_INTERVALS, MOST_PROPAGATED // max(size, 1))
+    if machine.elements:  # no propagators
+        most = 2 * MOST_FLAT_EVENTS
     intervals = {
         after[0] - before[0]
         for segment in segments
@@ -143,34 +203,37 @@ def _refuse_many_intervals(machine: Machine, segments: list[Segment]) -> None:
         )
 
 
-def _flat(machine: Machine, steps: list[Event]) -> list[Segment]:
+def _flat(machine: Machine, edges: Edges) -> list[Segment]:
     until = machine.timing.until
-    _refuse_too_many(machine, until)
-    return [_segment(0, until, 1, sorted([*_play_clockwork(_clockwork(machine), until), *steps]))]
+    _refuse_too_many(machine, until, edges)
+    clock = _play_clockwork(_clockwork(machine), until)
+    return [_segment(0, until, 1, sorted([*clock, *edges.within(0, until + 1)]))]
 
 
-def _tiled(machine: Machine, stretch: int, warm_up: int, steps: list[Event]) -> list[Segment]:
-    """Warm-up, then one stretch repeated, broken where a step source changes, then the rest."""
+def _tiled(machine: Machine, stretch: int, warm_up: int, edges: Edges) -> list[Segment]:
+    """Warm-up, then one stretch repeated, broken where a source steps or begins, then the rest."""
     until = machine.timing.until
-    _refuse_too_many(machine, (warm_up + 1) * stretch)
+    _refuse_too_many(machine, (warm_up + 1) * stretch, edges)
     events = sorted(_play_clockwork(_clockwork(machine), (warm_up + 1) * stretch))
     first = warm_up * stretch
-    pattern = [(t - first, k, i) for t, k, i in events if first <= t < first + stretch]
+    clock = [(t - first, k, i) for t, k, i in events if first <= t < first + stretch]
+
+    def pattern(number: int) -> list[Event]:
+        return sorted([*clock, *edges.within(number * stretch, (number + 1) * stretch)])
+
     whole = until // stretch
-    broken = {tick // stretch for tick, _, _ in steps if first <= tick < whole * stretch}
-    head = [e for e in events if e[0] < first] + [s for s in steps if s[0] < first]
+    broken = {tick // stretch for tick in edges.breaks() if first <= tick < whole * stretch}
+    head = [e for e in events if e[0] < first] + edges.within(0, first)
     segments = [_segment(0, first, 1, sorted(head))]
     at = warm_up
-    for number in sorted(broken):
+    for number in (*sorted(broken), whole):
         if number > at:
-            segments.append(_segment(at * stretch, stretch, number - at, pattern))
-        inside = [(t - number * stretch, k, i) for t, k, i in steps if t // stretch == number]
-        segments.append(_segment(number * stretch, stretch, 1, sorted(pattern + inside)))
+            segments.append(_segment(at * stretch, stretch, number - at, pattern(at)))
+        if number < whole:
+            segments.append(_segment(number * stretch, stretch, 1, pattern(number)))
         at = number + 1
-    if whole > at:
-        segments.append(_segment(at * stretch, stretch, whole - at, pattern))
-    tail = [e for e in pattern if e[0] <= until - whole * stretch]
-    tail += [(t - whole * stretch, k, i) for t, k, i in steps if t >= whole * stretch]
+    tail = [e for e in clock if e[0] <= until - whole * stretch]
+    tail += edges.within(whole * stretch, until + 1)
     segments.append(_segment(whole * stretch, until - whole * stretch, 1, sorted(tail)))
     return segments
 

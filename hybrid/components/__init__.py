@@ -16,13 +16,13 @@ from hybrid.components.nonlinear import (
     FunctionGenerator,
     Limit,
     Multiply,
+    Sawtooth,
     SinOf,
-    Square,
     SquareRoot,
     Switch,
     Track,
 )
-from hybrid.components.sources import Constant, Sine, StepSource
+from hybrid.components.sources import Constant, Pulse, Ramp, Sine, Square, StepSource
 
 CATALOG: Mapping[str, Kind] = MappingProxyType(
     {
@@ -30,7 +30,11 @@ CATALOG: Mapping[str, Kind] = MappingProxyType(
         for kind in (
             Constant(),
             StepSource(),
+            Ramp(),
+            Pulse(),
             Sine(),
+            Square(),
+            Sawtooth(),
             Sum(),
             Coefficient(),
             Invert(),
@@ -48,7 +52,6 @@ CATALOG: Mapping[str, Kind] = MappingProxyType(
             Compare(),
             Switch(),
             Track(),
-            Square(),
         )
     }
 )

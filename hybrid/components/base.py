@@ -8,11 +8,14 @@
    the output lag and noise. A kind never deals with those, nor with time or state storage.
 4. `per_second` says that a gain has the extra unit 1/s (an integrator's input).
 5. A kind that is not linear gives `element(given)` instead, in SI units too; so may one that is linear
-   only as long as some of its keys are not used. `inner(given)` is a hidden element that drives it.
+   only as long as some of its keys are not used. Its hidden elements are in `inner(given)`, by names
+   that begin with a colon; they read signals in SI and each other as they are, and are best within +-1.
+   `:source` is what the steps of its core make, as they are.
 """
 
 from __future__ import annotations
 
+import math
 from collections.abc import Collection, Mapping
 from dataclasses import dataclass, field
 from typing import ClassVar
@@ -33,10 +36,11 @@ class Oscillation:
 
 @dataclass(frozen=True, slots=True)
 class Step:
-    """Added to the core from time `at_s` on."""
+    """The stepped part of a core takes `value` at `at_s`, and again every `every_s` (0: once)."""
 
-    height: float
+    value: float
     at_s: float
+    every_s: float = 0.0
 
 
 @dataclass(frozen=True, slots=True)
@@ -49,7 +53,9 @@ class Core:
     feedback: float = 0.0  # 1/s, dynamic cores only
     initial: float | None = None  # dynamic cores; None: settled before the run
     oscillation: Oscillation | None = None
-    step: Step | None = None
+    steps: tuple[Step, ...] = ()
+    held: float = 0.0  # the stepped part before its first step
+    integrated: bool = False  # the stepped part is a rate: its integral from 0 is added
 
 
 @dataclass(frozen=True, slots=True)
@@ -61,6 +67,9 @@ class Given:
     signals: tuple[str, ...] = ()  # in the order written
     control: str | None = None
     points: tuple[tuple[float, float], ...] = ()  # ascending
+    full_scale: float = 1.0
+    scales: Mapping[str, float] = field(default_factory=dict)  # full scales of the signals read
+    saturation: float = math.inf  # of the output, in full scales
 
 
 class Kind:
@@ -89,9 +98,9 @@ class Kind:
         """The element of a kind that is not linear."""
         raise NotImplementedError
 
-    def inner(self, given: Given) -> Element | None:
-        """A hidden element that the component's own reads as `elements.INNER`."""
-        return None
+    def inner(self, given: Given) -> Mapping[str, Element]:
+        """Hidden elements by name, which begins with a colon."""
+        return {}
 
     def result(self, inputs: tuple[Dimension, ...]) -> Dimension | None:
         """Dimension of the output without `gain`, or None where it may be any."""

@@ -7,17 +7,21 @@ components share.
 from __future__ import annotations
 
 import itertools
-import math
+from collections.abc import Mapping
 
 from hybrid import elements
-from hybrid.components.base import Given, Kind
+from hybrid.components.base import Core, Given, Kind, Step
+from hybrid.components.sources import BIAS, PERIOD, too_short
 from hybrid.elements import Element
 from hybrid.language import Bound, Holds, Key, Unit
 from hybrid.units import Dimension
 
 GAIN = Key("gain", Holds.QUANTITY, "factor of the result", Unit.ANY, default="1")
 CONTROL = Key(
-    "control", Holds.SIGNAL, "a comparator, or a DAC (high above half scale)", required=True
+    "control",
+    Holds.SIGNAL,
+    "a comparator, or a DAC or step, pulse or square source (high above half scale)",
+    required=True,
 )
 LOW = Key("low", Holds.QUANTITY, "lower limit", Unit.OWN, required=True)
 HIGH = Key("high", Holds.QUANTITY, "upper limit", Unit.OWN, required=True)
@@ -29,6 +33,10 @@ class Nonlinear(Kind):
     is_linear = False
     symbol = "function"
     inputs = 1
+
+    def core(self, values: Mapping[str, float], gains: Mapping[str, float]) -> Core:
+        """None but the steps of a source."""
+        return Core()
 
 
 class Multiply(Nonlinear):
@@ -255,23 +263,37 @@ class Track(Nonlinear):
         return Element(elements.TRACK, {a: 1.0}, control=given.control, initial=initial)
 
 
-class Square(Nonlinear):
-    """A square wave, high first."""
+class Sawtooth(Nonlinear):
+    """A sawtooth wave: rises evenly through every period and falls at once at its end.
 
-    key, symbol, inputs = "square", "source", 0
-    doc = "a square wave between plus and minus its amplitude, plus first"
-    main = Key("square", Holds.QUANTITY, "amplitude", Unit.OWN, required=True)
-    keys = (
-        Key("period", Holds.QUANTITY, "its period", Unit.TIME, Bound.POSITIVE, required=True),
-        Key("bias", Holds.QUANTITY, "mean value", Unit.OWN, default="0"),
-    )
+    A triangle of twice the period, the integral of a square wave, times that square wave: what is
+    integrated comes back to where it was, so that nothing grows with time.
+    """
+
+    key, symbol, inputs = "sawtooth", "source", 0
+    doc = "a sawtooth wave that rises from minus to plus its amplitude in every period"
+    main = Key("sawtooth", Holds.QUANTITY, "amplitude", Unit.OWN, required=True)
+    keys = (PERIOD, BIAS)
+
+    def core(self, values: Mapping[str, float], gains: Mapping[str, float]) -> Core:
+        """The square wave, of one full scale."""
+        period = values["period"]
+        steps = Step(-1.0, period, 2 * period), Step(1.0, 2 * period, 2 * period)
+        return Core(steps=steps, held=1.0)
+
+    def inner(self, given: Given) -> Mapping[str, Element]:
+        """The triangle, from -1 to 1 and back, and its product with the square wave."""
+        rate = 2.0 / given.values["period"]
+        return {
+            ":triangle": Element(elements.INTEGRATE, {":source": rate}, initial=-1.0),
+            ":wave": Element(elements.PRODUCT, {":source": 1.0}, second={":triangle": 1.0}),
+        }
 
     def element(self, given: Given) -> Element:
-        """bias + amplitude * sign(sin(2 pi t / period)), from a sine and a comparator."""
-        amplitude, bias = given.values["square"], given.values.get("bias", 0.0)
-        pieces = elements.comparator_pieces(bias - amplitude, bias + amplitude, 0.0, 0.0)
-        return Element(elements.PIECES, {elements.INNER: 1.0}, pieces=pieces, initial_piece=1)
+        """w = bias + amplitude * triangle * square."""
+        amplitude, bias = given.values["sawtooth"], given.values.get("bias", 0.0)
+        return Element(elements.SUM, {":wave": amplitude}, bias)
 
-    def inner(self, given: Given) -> Element:
-        """The sine that the comparator watches."""
-        return Element(elements.SINE, figures=(1.0, 2 * math.pi / given.values["period"], 0.0))
+    def unsuitable(self, given: Given) -> str:
+        """A period must be some time."""
+        return too_short(given.values["period"])

@@ -1,12 +1,17 @@
-"""Sources: constant, step, sine."""
+"""Sources: constant, step, ramp, pulse, square wave, sine.
+
+What jumps does so at instants of exact integer time, like the events of the digital machine: a sample
+taken at that instant still sees the value before, and edge k of a wave is at k periods, never at a sum.
+"""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Mapping
 
-from hybrid.components.base import Core, Kind, Oscillation, Step
+from hybrid.components.base import Core, Given, Kind, Oscillation, Step
 from hybrid.language import Bound, Holds, Key, Unit
+from hybrid.scale import to_ticks
 
 
 class Constant(Kind):
@@ -35,7 +40,103 @@ class StepSource(Kind):
     def core(self, values: Mapping[str, float], gains: Mapping[str, float]) -> Core:
         """w = before, then `step` from time `at` on."""
         before = values.get("before", 0.0)
-        return Core(constant=before, step=Step(values["step"] - before, values["at"]))
+        return Core(constant=before, steps=(Step(values["step"] - before, values["at"]),))
+
+
+class Ramp(Kind):
+    """Rises evenly from one time to another: an integrator at a reference voltage that is switched."""
+
+    key, symbol = "ramp", "source"
+    doc = "changes at a constant rate from one time on, until another where that is given"
+    main = Key("ramp", Holds.QUANTITY, "its rate", Unit.OWN_RATE, required=True)
+    keys = (
+        Key("at", Holds.QUANTITY, "when it begins", Unit.TIME, Bound.NOT_NEGATIVE, default="0 s"),
+        Key("until", Holds.QUANTITY, "when it ends", Unit.TIME, Bound.POSITIVE, default="never"),
+        Key("before", Holds.QUANTITY, "value before it begins", Unit.OWN, default="0"),
+    )
+
+    def core(self, values: Mapping[str, float], gains: Mapping[str, float]) -> Core:
+        """w = before + ramp (t - at), from `at` to `until`."""
+        begins = Step(values["ramp"], values.get("at", 0.0))
+        ends = (Step(0.0, values["until"]),) if "until" in values else ()
+        before = values.get("before", 0.0)
+        return Core(constant=before, steps=(begins, *ends), integrated=True)
+
+    def unsuitable(self, given: Given) -> str:
+        """It must begin before it ends."""
+        at, until = given.values.get("at", 0.0), given.values.get("until", math.inf)
+        return "" if at < until else f"has at {at:g} s not before until {until:g} s"
+
+
+PERIOD = Key("period", Holds.QUANTITY, "its period", Unit.TIME, Bound.POSITIVE, required=True)
+BIAS = Key("bias", Holds.QUANTITY, "mean value", Unit.OWN, default="0")
+
+
+class Pulse(Kind):
+    """Takes another value for some time, once or once in every period."""
+
+    key, symbol = "pulse", "source"
+    doc = "takes a value for some time, once or in every period"
+    main = Key("pulse", Holds.QUANTITY, "value during the pulse", Unit.OWN, required=True)
+    keys = (
+        Key("at", Holds.QUANTITY, "when it begins", Unit.TIME, Bound.NOT_NEGATIVE, required=True),
+        Key("width", Holds.QUANTITY, "how long it lasts", Unit.TIME, Bound.POSITIVE, required=True),
+        Key(
+            "period",
+            Holds.QUANTITY,
+            "from the beginning of one pulse to that of the next",
+            Unit.TIME,
+            Bound.POSITIVE,
+            default="one pulse only",
+        ),
+        Key("before", Holds.QUANTITY, "value before, between and after", Unit.OWN, default="0"),
+    )
+
+    def core(self, values: Mapping[str, float], gains: Mapping[str, float]) -> Core:
+        """w = pulse for at + k period <= t < at + k period + width, else before."""
+        before, at, period = values.get("before", 0.0), values["at"], values.get("period", 0.0)
+        up = Step(values["pulse"] - before, at, period)
+        return Core(constant=before, steps=(up, Step(0.0, at + values["width"], period)))
+
+    def unsuitable(self, given: Given) -> str:
+        """A pulse must last, and end before the next."""
+        width, period = given.values["width"], given.values.get("period", math.inf)
+        if not to_ticks(given.values["at"] + width) > to_ticks(given.values["at"]):
+            return f"has width {width:g} s, below the resolution of time"
+        return "" if width < period else f"has width {width:g} s, not below its period {period:g} s"
+
+
+class Square(Kind):
+    """A square wave; the sine of the same phase has the same sign."""
+
+    key, symbol = "square", "source"
+    doc = "a square wave between plus and minus its amplitude, plus first"
+    main = Key("square", Holds.QUANTITY, "amplitude", Unit.OWN, required=True)
+    keys = (
+        PERIOD,
+        Key("phase", Holds.QUANTITY, "phase at t = 0", Unit.PURE, default="0 rad"),
+        BIAS,
+    )
+
+    def core(self, values: Mapping[str, float], gains: Mapping[str, float]) -> Core:
+        """w = bias + amplitude * sign(sin(2 pi t / period + phase)); the limit from above at t = 0."""
+        height, period = values["square"], values["period"]
+        place = values.get("phase", 0.0) / (2 * math.pi) % 1.0  # of t = 0 within a period
+        high = place < 0.5
+        falls = (0.5 if high else 1.5) - place
+        steps = Step(-height, falls * period, period), Step(height, (1.0 - place) * period, period)
+        return Core(constant=values.get("bias", 0.0), steps=steps, held=height if high else -height)
+
+    def unsuitable(self, given: Given) -> str:
+        """Half a period must be some time."""
+        return too_short(given.values["period"])
+
+
+def too_short(period_s: float) -> str:
+    """What is wrong with a period that cannot be halved, or ''."""
+    if to_ticks(period_s / 2) > 0:
+        return ""
+    return f"has period {period_s:g} s, below the resolution of time"
 
 
 class Sine(Kind):
@@ -54,7 +155,7 @@ class Sine(Kind):
             Bound.POSITIVE,
         ),
         Key("phase", Holds.QUANTITY, "phase at t = 0", Unit.PURE, default="0 rad"),
-        Key("bias", Holds.QUANTITY, "mean value", Unit.OWN, default="0"),
+        BIAS,
     )
 
     def core(self, values: Mapping[str, float], gains: Mapping[str, float]) -> Core:

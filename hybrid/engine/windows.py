@@ -13,7 +13,7 @@ import numpy as np
 from hybrid.elements import INPUT
 from hybrid.engine import kernel
 from hybrid.engine.circuit import Builder, Circuit
-from hybrid.engine.corners import Log, new_log
+from hybrid.engine.corners import Log, new_log, settle
 from hybrid.engine.kernel import Coupling, Deck, Floats, Ints, Pens, Plant, Score, State, compiled
 from hybrid.engine.linear import Overload, Player
 from hybrid.engine.nodes import Nodes, Shelf, new_shelf, nodes
@@ -29,6 +29,8 @@ NODES = 8
 RESOLUTION = 1e-9
 # Instants between two looks at Ctrl-C.
 CHUNK_ADVANCES = 2000
+# To let loops settle before a run.
+MOST_PASSES = 1000
 
 
 class Side(NamedTuple):
@@ -166,6 +168,7 @@ class CircuitPlayer(Player):
         count = len(self.machine.analog.signals)
         v = np.concatenate([np.zeros(count), state.v])
         state = state._replace(v=v, next_v=np.zeros(count))
+        settle_loops(self.side, state.v[count + self.side.held])
         follow(self.side, self.plant, state, 0.0, 0.0)
         return state
 
@@ -207,14 +210,30 @@ class CircuitPlayer(Player):
 def settled(machine: Machine) -> tuple[list[float], dict[str, float]]:
     """Every signal at t = 0, in order, and what each integrator integrates then; machine units."""
     side = _side(machine)
-    inputs = machine.analog.u0[side.held]
-    side.state.held[:] = inputs
+    settle_loops(side, machine.analog.u0[side.held])
     advance(
         side.circuit, side.state, side.shelf, side.grid, 0.0, 0.0, RESOLUTION, side.log, side.no_pen
     )
     values = side.state.start[side.place].tolist()
     drives = zip(machine.analog.signals, side.state.memory[side.place, DRIVE].tolist(), strict=True)
     return values, dict(drives)
+
+
+def settle_loops(side: Side, held: Floats) -> None:
+    """Let loops of lagged parts come to rest before the run, with these figures at the inputs.
+
+    Each pass lets every output that follows at once or settles follow its inputs; in a loop of gain
+    below 1 the passes converge. Where they do not, the run begins from a single pass, as a circuit does.
+    """
+    state = side.state
+    state.held[:] = held
+    start, memory, piece = state.start.copy(), state.memory.copy(), state.piece.copy()
+    for _ in range(MOST_PASSES):
+        before = state.start.copy()
+        settle(side.circuit, state, 0.0, 0.0, side.log, True)
+        if np.all(np.abs(state.start - before) <= 1e-15 * np.maximum(1.0, np.abs(before))):
+            return
+    state.start[:], state.memory[:], state.piece[:] = start, memory, piece
 
 
 def _side(machine: Machine) -> Side:

@@ -97,12 +97,13 @@ def _signals(book: Book, fields: Fields, kind: Kind) -> tuple[str, ...]:
 
 
 def _control(book: Book, fields: Fields) -> str:
-    """What switches a component: a comparator or a DAC."""
+    """What switches a component."""
     name, place = fields.text("control"), fields.place("control")
     book.require_analog(name, f"{fields.what} is controlled by", place)
     if name not in book.controls:
         raise PatchError(
-            f"{fields.what} is controlled by {quoted(name)}; a control is a comparator or a DAC",
+            f"{fields.what} is controlled by {quoted(name)}; a control is a comparator, a DAC, or a "
+            "step, pulse or square source",
             place,
         )
     return name

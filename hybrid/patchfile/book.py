@@ -76,10 +76,11 @@ class Book:
 
     @functools.cached_property
     def controls(self) -> frozenset[str]:
-        """What can switch a component: comparators and DACs."""
+        """What can switch a component: comparators, sources that jump, and DACs."""
+        kinds = {"compare", "step", "pulse", "square"}
         analog = self.section("analog") or ()
-        comparators = (n for n, t, _ in analog if isinstance(t, Table) and "compare" in t.entries)
-        return frozenset((*comparators, *self.named(Role.DAC)))
+        found = (n for n, t, _ in analog if isinstance(t, Table) and kinds & t.entries.keys())
+        return frozenset((*found, *self.named(Role.DAC)))
 
     @property
     def signals(self) -> frozenset[str]:

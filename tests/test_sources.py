@@ -1,0 +1,256 @@
+"""Sources that step: exact instants, first values, and no drift over many periods."""
+
+import math
+
+import numpy as np
+import pytest
+
+import hybrid
+from hybrid.compiler import compile_patch
+from hybrid.errors import PatchError
+from hybrid.patchfile import parse_patch
+from hybrid.runs import run
+from hybrid.timeline import Happening, build_timeline
+
+EPS = np.finfo(float).eps
+
+
+def patch(*components, run="until: 2 s, every: 0.1 s", machine="ideal", rest=""):
+    lines = "\n".join(f"  {line}" for line in components)
+    return f"title: Test\nmachine: {machine}\nanalog:\n{lines}\n{rest}run: {{{run}}}\n"
+
+
+@pytest.fixture(params=[False, True], ids=["exact", "circuit"])
+def columns(request):
+    """Play a patch on either engine; time in s and columns by name."""
+
+    def played(text):
+        machine = compile_patch(parse_patch(text), as_circuit=request.param)
+        assert bool(machine.elements) == request.param
+        result = run(machine)
+        every = machine.timing.every * 1e-15
+        found = {pen.name: result.rows[:, i] for i, pen in enumerate(result.pens)}
+        return np.arange(len(result.rows)) * every, found
+
+    return played
+
+
+@pytest.mark.parametrize("until_s", [None, 1.55])
+@pytest.mark.parametrize("at_s", [0.0, 0.3, 0.7512345])
+def test_ramp(at_s, until_s, columns):
+    until = "" if until_s is None else f"until: {until_s} s, "
+    t, found = columns(
+        patch(
+            f"r: {{ramp: 0.8 V/s, at: {at_s} s, {until}before: -0.5 V, full_scale: 2 V}}",
+            "area: {integrate: {r: 1 1/s}, initial: 0 V, full_scale: 2 V}",
+        )
+    )
+    end = math.inf if until_s is None else until_s
+    # The integral of clip(s, 0, length) from 0 to s: s^2 / 2, then length s - length^2 / 2.
+    up = np.clip(t - at_s, 0, end - at_s)
+    np.testing.assert_allclose(found["r"], -0.5 + 0.8 * up, rtol=0, atol=4e-15)
+    area = up**2 / 2 + up * np.maximum(t - end, 0)
+    np.testing.assert_allclose(found["area"], -0.5 * t + 0.8 * area, rtol=0, atol=4e-15)
+
+
+def test_ramp_behind_a_lag_and_with_the_errors_of_its_stage(columns):
+    t, found = columns(
+        patch("r: {ramp: 1, at: 0.5 s, before: 0.5, full_scale: 2, tau: 0.2 s, offset: 0.01}")
+    )
+    s = np.maximum(t - 0.5, 0)  # a ramp through a lag: s - tau (1 - exp(-s / tau))
+    np.testing.assert_allclose(found["r"], 0.52 + s + 0.2 * np.expm1(-s / 0.2), rtol=0, atol=2e-12)
+
+
+def test_a_ramp_is_no_mode_of_the_patch():
+    loop = (
+        "v: {integrate: {x: -9, v: -0.6, push: 1}, initial: 0, full_scale: 3}",
+        "x: {integrate: {v: 1}, initial: 0.1, full_scale: 1}",
+    )
+    sources = (
+        "ramp: 0.1",
+        "pulse: 0.1, at: 1 s, width: 10 ms, period: 0.1 s",
+        "square: 0.1, period: 1 s",
+    )
+    for source in sources:
+        found = hybrid.predict(parse_patch(patch(*loop, f"push: {{{source}, full_scale: 1}}")))
+        (mode,) = found.modes
+        # s^2 + 0.6 s + 9.
+        assert (mode.omega, mode.zeta) == pytest.approx((3.0, 0.1), rel=1e-13)
+
+
+@pytest.mark.parametrize("period", ["", "period: 0.5 s, "])
+def test_pulse(period, columns):
+    t, found = columns(
+        patch(
+            f"p: {{pulse: 1.5, at: 0.2 s, width: 0.12 s, {period}before: -0.25, full_scale: 2}}",
+            "area: {integrate: {p: 1}, initial: 0, full_scale: 2}",
+        )
+    )
+    begins = 0.2 + 0.5 * np.arange(4 if period else 1)
+    inside = np.zeros(len(t))
+    on = np.zeros(len(t), dtype=bool)
+    for begin in begins:
+        inside += np.clip(t - begin, 0, 0.12)
+        on |= (np.round(t, 9) >= round(begin, 9)) & (t < begin + 0.12 - 1e-9)
+    assert found["p"].tolist() == np.where(on, 1.5, -0.25).tolist()
+    np.testing.assert_allclose(found["area"], 1.75 * inside - 0.25 * t, rtol=0, atol=4e-15)
+
+
+CLOCK = """
+interface: {seen: {adc: p}}
+digital: {period: 0.1 s, program: {w: seen}}
+"""
+
+
+def test_a_sample_at_the_instant_of_an_edge_sees_the_value_before(columns):
+    text = patch(
+        "p: {pulse: 1, at: 0.2 s, width: 0.1 s, period: 0.5 s, full_scale: 2}", rest=CLOCK[1:]
+    )
+    t, found = columns(text)
+    tenths = np.arange(len(t)) % 5
+    assert found["p"].tolist() == (tenths == 2).astype(float).tolist()  # the row shows x+
+    assert found["seen"].tolist() == (tenths == 3).astype(float).tolist()  # the sample saw x-
+
+
+@pytest.mark.parametrize("degrees", [0, 30, 90, 180, 200, 270, 359, -45, 400])
+def test_square_has_the_sign_of_the_sine(degrees, columns):
+    text = patch(
+        f"q: {{square: 2, period: 0.7 s, phase: {degrees} deg, bias: 0.5, full_scale: 4}}",
+        f"s: {{sine: 1, frequency: {1 / 0.7} Hz, phase: {degrees} deg, full_scale: 1}}",
+        run="until: 2.003 s, every: 1 ms",
+    )
+    _, found = columns(text)
+    clear = np.abs(found["s"]) > 1e-9  # at an edge itself it shows the value after
+    assert np.sum(~clear) <= 6
+    np.testing.assert_array_equal(found["q"][clear], 0.5 + 2 * np.sign(found["s"][clear]))
+    assert found["q"][0] == (-1.5 if 180 <= degrees % 360 < 360 else 2.5)
+
+
+def test_waves_do_not_drift_over_1e5_periods():
+    text = patch(
+        "q: {square: 1, period: 1 ms, full_scale: 1}",
+        "p: {pulse: 1, at: 0.2 ms, width: 0.3 ms, period: 1 ms, full_scale: 1}",
+        "triangle: {integrate: {q: 4000}, initial: -1, full_scale: 1}",
+        "net: {integrate: {p: 1000}, initial: 0, leak: 0 1/s, full_scale: 100000}",
+        run="until: 100 s, every: 0.25 ms",
+    )
+    result = run(compile_patch(parse_patch(text)))
+    found = {pen.name: result.rows[:, i] for i, pen in enumerate(result.pens)}
+    k = np.arange(len(result.rows))
+    assert np.array_equal(found["q"], np.where(k % 4 < 2, 1.0, -1.0))
+    assert np.array_equal(found["p"], np.where(k % 4 == 1, 1.0, 0.0))
+    # One rounding of half an ulp of 1 in each of seven intervals of a period, all the same way.
+    expected = np.array([-1.0, 0.0, 1.0, 0.0])[k % 4]
+    assert np.max(np.abs(found["triangle"] - expected)) < 1e5 * 7 * EPS / 2
+    assert found["net"][-1] == pytest.approx(0.3 * 1e5, abs=1e5 * 7 * EPS / 2 * 1e5)
+
+
+def test_edges_of_a_wave_are_whole_multiples_of_its_period():
+    text = patch(
+        "q: {square: 1, period: 0.3 ms, phase: 1 rad, full_scale: 1}",
+        "p: {pulse: 1, at: 7.3 ms, width: 0.04 ms, period: 0.8 ms, full_scale: 1}",
+        "r: {ramp: 1, at: 3.3 ms, until: 51 ms, full_scale: 1}",
+        run="until: 60.05 ms, every: 0.2 ms",
+    )
+    machine = compile_patch(parse_patch(text))
+    timeline = build_timeline(machine)
+    assert any(segment.repeats > 1 for segment in timeline.segments)  # some of it is tiled
+    found = sorted((t, i) for t, kind, i in timeline if kind == Happening.SOURCE)
+    expected = []
+    for i, step in enumerate(machine.steps):
+        tick = step.at_ticks
+        while tick <= timeline.until:
+            expected.append((tick, i))
+            tick += step.every_ticks or timeline.until
+    assert found == sorted(expected)
+    rows = [t for t, kind, _ in timeline if kind == Happening.RECORD]
+    assert rows == [k * machine.timing.every for k in range(timeline.rows)]
+
+
+def test_a_wave_that_never_falls_in_with_the_clock(columns):
+    period = 1e-3 * math.pi
+    t, found = columns(
+        patch(
+            f"q: {{square: 1, period: {period!r} s, full_scale: 1}}",
+            run="until: 0.3 s, every: 1 ms",
+        )
+    )
+    expected = np.where(np.floor(2 * t / period) % 2 == 0, 1.0, -1.0)
+    assert np.array_equal(found["q"], expected)
+
+
+@pytest.mark.parametrize(
+    ("wrong", "told"),
+    [
+        ("ramp: 1, at: 2 s, until: 1 s", "'x' has at 2 s not before until 1 s"),
+        ("ramp: 1, at: 1 s, until: 1 s", "'x' has at 1 s not before until 1 s"),
+        ("pulse: 1, at: 0 s, width: 2 s, period: 1 s", "has width 2 s, not below its period 1 s"),
+        ("pulse: 1, at: 1 s, width: 1e-17 s", "has width 1e-17 s, below the resolution of time"),
+        ("square: 1, period: 1e-17 s", "has period 1e-17 s, below the resolution of time"),
+        ("sawtooth: 1, period: 1e-17 s", "has period 1e-17 s, below the resolution of time"),
+        ("square: 1, period: 1e-12 s", r"'x' has a period of 1e-12 s, \S+ of them in \S+ s"),
+        ("ramp: 1 V", "must be a rate"),
+        ("pulse: 1 V, at: 0 s, width: 1 s", "pulse of component 'x' is '1 V'"),
+        ("pulse: 1, at: -1 s, width: 1 s", "must be 0 or greater"),
+        ("pulse: 1, at: 1 s", "has no width; add width:"),
+        ("square: 1, period: 0 s", "must be greater than 0"),
+        ("sawtooth: 1", "has no period; add period:"),
+        ("ramp: 1e30", "a gain or rate of 1e[+]30"),
+    ],
+)
+def test_wrong_figures_are_told(wrong, told):
+    with pytest.raises(PatchError, match=told):
+        build_timeline(compile_patch(parse_patch(patch(f"x: {{{wrong}, full_scale: 1}}"))))
+
+
+def sawtooth_at(t, period):
+    return 2 * (t / period % 1.0) - 1
+
+
+def test_sawtooth():
+    text = patch(
+        "w: {sawtooth: 3, period: 0.4 s, bias: 0.5, full_scale: 4}",
+        run="until: 2 s, every: 0.05 s",
+        rest="interface: {seen: {adc: w}}\ndigital: {period: 0.05 s, program: {z: seen}}\n",
+    )
+    result = run(compile_patch(parse_patch(text)))
+    found = {pen.name: result.rows[:, i] for i, pen in enumerate(result.pens)}
+    k = np.arange(len(result.rows))
+    np.testing.assert_allclose(found["w"], 0.5 + 3 * (k % 8 / 4 - 1), rtol=0, atol=1e-13)
+    before = np.where((k % 8 == 0) & (k > 0), 3.5, found["w"])  # at the edge: the top
+    np.testing.assert_allclose(found["seen"], before, rtol=0, atol=1e-13)
+
+
+def test_sawtooth_does_not_drift_over_1e5_periods():
+    text = patch(
+        "w: {sawtooth: 1, period: 1 ms, full_scale: 1}",
+        run="until: 100.0003 s, every: 0.25 ms, max_rows: 1000",
+    )
+    result = run(compile_patch(parse_patch(text)))
+    k = np.arange(len(result.rows)) * 401  # every n-th of 400002 rows
+    assert len(result.rows) == -(-400002 // 401)
+    # Two intervals of the triangle round by half an ulp of 1 in each quarter of a period.
+    expected = k % 4 / 2 - 1
+    assert np.max(np.abs(result.rows[:, 0] - expected)) < 4 * 2 * 1e5 * EPS / 2
+
+
+@pytest.mark.parametrize("tau", ["0 s", "1 us", "20 us"])
+def test_a_wave_controls_at_its_edges_whatever_its_lag(tau):
+    text = patch(
+        "gate: {pulse: 2, at: 1 ms, width: 1 ms, period: 4 ms, before: -2, full_scale: 2, tau: TAU}",
+        "clock: {square: 1, period: 4 ms, bias: 1, full_scale: 2, tau: TAU}",  # 2, 2, 0, 0
+        "x: {integrate: {one: 100}, initial: 0, full_scale: 1}",
+        "one: {constant: 1, full_scale: 1}",
+        "zero: {constant: 0, full_scale: 1}",
+        "held: {track: x, control: gate, initial: -1, full_scale: 1}",
+        "part: {switch: [one, zero], control: clock, full_scale: 1}",
+        "area: {integrate: {part: 100}, initial: 0, full_scale: 1}",
+        run="until: 8 ms, every: 0.5 ms",
+    ).replace("TAU", tau)
+    result = run(compile_patch(parse_patch(text)))
+    found = {pen.name: result.rows[:, i] for i, pen in enumerate(result.pens)}
+    held = [-1, -1, 0.1, 0.15] + [0.2] * 6 + [0.5, 0.55] + [0.6] * 5
+    np.testing.assert_allclose(found["held"], held, rtol=0, atol=1e-12)
+    k = np.arange(17)
+    area = np.minimum(k % 8, 4) * 0.05 + k // 8 * 0.2
+    np.testing.assert_allclose(found["area"], area, rtol=0, atol=1e-12)
