@@ -14,10 +14,10 @@ from dataclasses import replace
 
 import numpy as np
 
-from hybrid.components import CATALOG, Given
+from hybrid.components import CATALOG, Block, Given
 from hybrid.components.linear import Integrate
 from hybrid.elements import INPUT, INTEGRATE, SINE, SUM, Element
-from hybrid.layout import AnalogLayout
+from hybrid.layout import AnalogLayout, block_states
 from hybrid.machine import Analog, OutputStage, StepEvent
 from hybrid.patch import Component, Patch
 
@@ -117,6 +117,10 @@ class _CircuitLayout(AnalogLayout):
             amplitude = self.checked(name, wave.amplitude / full_scale)
             yield hidden, Element(SINE, figures=(amplitude, wave.omega, wave.phase))
             first = {**first, hidden: 1.0}
+        if core.block:
+            yield from _block(name, core.block, first)
+            outputs = zip(block_states(name, core.block), core.block.c, strict=True)
+            first = {f"{name}:input": core.block.d, **dict(outputs)}
         constant = self.checked(name, core.constant / full_scale)
         yield name, _with_errors(Element(SUM, first, constant), stage)
 
@@ -187,6 +191,22 @@ class _CircuitLayout(AnalogLayout):
         """Gains in machine units."""
         own = self.scale[name]
         return {s: self.checked(name, gains[s] * self.scale[s] / own) for s in sorted(gains)}
+
+
+def _block(name: str, block: Block, first: Mapping[str, float]) -> Elements:
+    """The sum of the inputs and the states of a block; what is not 0 at rest is a lag, which settles."""
+    states = block_states(name, block)
+    made = [(f"{name}:input", Element(SUM, first))]
+    for i, (state, row, drive) in enumerate(zip(states, block.a, block.b, strict=True)):
+        others = {s: gain for s, gain in zip(states, row, strict=True) if gain and s != state}
+        gains = {**others, f"{name}:input": drive} if drive else others
+        if block.rest[i]:
+            time_s = -1.0 / row[i]
+            settled = {s: gain * time_s for s, gain in gains.items()}
+            made.append((state, Element(SUM, settled, lag_s=time_s)))
+        else:
+            made.append((state, Element(INTEGRATE, gains, figures=(row[i],))))
+    return tuple(made)
 
 
 def _with_errors(element: Element, stage: OutputStage) -> Element:

@@ -36,6 +36,8 @@ RANGES: Mapping[str, tuple[int, int]] = {
     "channel": (0, 999),
     "serial": (0, 2**63 - 1),
     "max_rows": (2, 100_000_000),
+    "order": (1, 10),
+    "quarter_square": (1, 200),
 }
 LONGEST_LINE = 200  # of a title
 # The record's coordinate, which no signal may hide.
@@ -225,6 +227,31 @@ class Fields:
                 self.place(key),
             )
         return int(text)
+
+    def wholes(self, keys: Iterable[Key]) -> dict[str, Value]:
+        """The whole numbers among `keys` that are given, and the choices as their number."""
+        found = {}
+        for key in keys:
+            if key.name not in self.table.entries:
+                continue
+            if key.holds is Holds.INTEGER:
+                number = self.integer(key.name, 0)
+            elif key.holds is Holds.CHOICE:
+                number = self._choice(key)
+            else:
+                continue
+            what = f"{key.name} of {self.what}"
+            found[key.name] = Value(Number(float(number)), self.place(key.name), what)
+        return found
+
+    def _choice(self, key: Key) -> int:
+        text = self.text(key.name)
+        if text not in key.choices:
+            hint = did_you_mean(text, key.choices)
+            raise PatchError(
+                f"{self.what}: {key.name} is {quoted(text)}; {hint}", self.place(key.name)
+            )
+        return key.choices.index(text)
 
     def bits(self) -> int | None:
         """Word length of a converter; None where it is not given."""

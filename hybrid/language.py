@@ -17,6 +17,7 @@ class Holds(Enum):
     QUANTITY = "quantity"  # number, "1 ms" or arithmetic over parameters
     INTEGER = "integer"
     TEXT = "text"
+    CHOICE = "word"
     SIGNAL = "signal"  # the name of one signal
     TERMS = "terms"  # {signal: coefficient, ...}
     SIGNALS = "signals"  # [name, ...]
@@ -53,6 +54,7 @@ class Key:
     bound: Bound = Bound.ANY
     required: bool = False
     default: str = ""  # in words, for the reference; '' = none
+    choices: tuple[str, ...] = ()  # of a CHOICE
 
 
 FULL_SCALE = Key(

@@ -12,7 +12,7 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
-from hybrid.components import CATALOG, Core, Given
+from hybrid.components import CATALOG, Block, Core, Given
 from hybrid.errors import PatchError
 from hybrid.graph import dependency_order, find_loop
 from hybrid.machine import Analog, Floats, OutputStage, StepEvent
@@ -43,6 +43,11 @@ def _laid_out(
     patch: Patch, scope: tuple[tuple[str, float], ...], stages: tuple[tuple[str, OutputStage], ...]
 ) -> tuple[Analog, tuple[StepEvent, ...]]:
     return AnalogLayout(patch, dict(scope), dict(stages)).build()
+
+
+def block_states(name: str, block: Block) -> list[str]:
+    """Names of the states of a component's block."""
+    return [f"{name}:{i + 1}" for i in range(len(block.b))]
 
 
 class AnalogLayout:
@@ -111,6 +116,8 @@ class AnalogLayout:
         if core.initial is not None:
             self._check_initial(component.name, core.initial, component.values["initial"])
         self.checked(component.name, core.feedback)
+        for rate in (core.block.b + sum(core.block.a, ())) if core.block else ():
+            self.checked(component.name, rate)
         if core.oscillation:
             self.checked(component.name, core.oscillation.omega)
         return core
@@ -224,6 +231,8 @@ class AnalogLayout:
                 states += [name + ":cos", name + ":sin"]
             if core and core.integrated:
                 states.append(name + ":ramp")
+            if core and core.block:
+                states += block_states(name, core.block)
         return states
 
     def _unit_row(self, kind: str, name: str) -> Floats:
@@ -249,10 +258,11 @@ class AnalogLayout:
             return row
         core, stage = self.cores[name], self.stages[name]
         full_scale = self.scale[name]
-        row = np.zeros(len(self.column))
-        for signal in sorted(core.gains):
-            gain = core.gains[signal] * self.scale[signal] / full_scale
-            row += self.checked(name, gain) * rows[signal]
+        row = self._input_row(name, rows)
+        if core.block:
+            row *= core.block.d
+            for state, gain in zip(block_states(name, core.block), core.block.c, strict=True):
+                row += gain * self._unit_row("x", state)
         row[self.column["u", ONE]] += self.checked(name, core.constant / full_scale)
         if core.steps:
             row += self._unit_row(*(("x", name + ":ramp") if core.integrated else ("u", name)))
@@ -262,6 +272,14 @@ class AnalogLayout:
         self.checked(name, float(np.max(np.abs(row))))
         row *= stage.gain
         row[self.column["u", ONE]] += stage.offset * self.offset_rate(name)
+        return row
+
+    def _input_row(self, name: str, rows: Mapping[str, Floats]) -> Floats:
+        """Sum of a component's inputs."""
+        gains, row = self.cores[name].gains, np.zeros(len(self.column))
+        for signal in sorted(gains):
+            gain = gains[signal] * self.scale[signal] / self.scale[name]
+            row += self.checked(name, gain) * rows[signal]
         return row
 
     def offset_rate(self, name: str) -> float:
@@ -282,6 +300,12 @@ class AnalogLayout:
             rates[cosine, sine] = -core.oscillation.omega
         if core and core.integrated:
             rates[self.column["x", name + ":ramp"], self.column["u", name]] = 1.0
+        if core and core.block:
+            drive, block = self._input_row(name, c), core.block
+            places = [self.column["x", state] for state in block_states(name, block)]
+            for place, among, gain in zip(places, block.a, block.b, strict=True):
+                rates[place] += gain * drive
+                rates[place, places] += among
         if output is None or held is None:
             return
         row = self._core_row(name, c)
@@ -336,6 +360,14 @@ class AnalogLayout:
         name, _, part = state.partition(":")
         if part == "ramp":
             return 0.0
+        block = self.cores[name].block if part.isdigit() else None
+        if block:
+            gains = self.cores[name].gains
+            u = (
+                sum(gain * self.scale[s] * static[s] for s, gain in gains.items())
+                / self.scale[name]
+            )
+            return block.rest[int(part) - 1] * u
         if part in ("sin", "cos"):
             oscillation = self.cores[name].oscillation
             assert oscillation is not None

@@ -45,7 +45,14 @@ _QUANTITY_EXAMPLES = {
     Unit.RATE: ["10 rad/s", "omega_p"],
     Unit.ANY: ["1 rad", 1],
 }
-_INTEGER_EXAMPLES = {"bits": 14, "channel": 1, "serial": 1, "max_rows": 100000}
+_INTEGER_EXAMPLES = {
+    "bits": 14,
+    "channel": 1,
+    "serial": 1,
+    "max_rows": 100000,
+    "order": 4,
+    "quarter_square": 23,
+}
 _TEXT_EXAMPLES = {
     "title": EXAMPLE["title"],
     "description": "Where its figures come from",
@@ -140,6 +147,8 @@ def _holds(key: Key) -> dict[str, Any]:
         least, most = RANGES[key.name]
         example = _INTEGER_EXAMPLES[key.name]
         return {"type": "integer", "minimum": least, "maximum": most, "examples": [example]}
+    if key.holds is Holds.CHOICE:
+        return {"enum": list(key.choices), "examples": [key.choices[-1]]}
     if key.holds is Holds.TERMS:
         made = _map(_quantity(), {})
         example = _TERMS_EXAMPLES.get(key.name, {"theta": 1})
@@ -191,6 +200,8 @@ def _words(key: Key) -> str:
     if key.name in RANGES:
         least, most = RANGES[key.name]
         return f"{key.holds.value}, {least} to {'2^63 - 1' if most == 2**63 - 1 else most}"
+    if key.choices:
+        return " or ".join(key.choices)
     return key.holds.value + (", required" if key.required else "")
 
 

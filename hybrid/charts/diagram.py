@@ -322,6 +322,18 @@ class Sheet:
             told.append(f"{bare('sine')} at {rate}")
         elif kind == "square":
             told.append(f"{bare('square')} every {style.duration(si('period'))}")
+        elif kind == "ramp":
+            rate = number(si("ramp") / component.factor, 4)
+            told.append(f"{rate} 1/s from {style.duration(si('at') if 'at' in values else 0.0)}")
+        elif kind == "pulse":
+            when = f"at {style.duration(si('at'))} for {style.duration(si('width'))}"
+            told.append(f"{bare('before')} → {bare('pulse')} {when}")
+            if "period" in values:
+                told.append(f"every {style.duration(si('period'))}")
+        elif kind == "sawtooth":
+            told.append(f"{bare('sawtooth')} every {style.duration(si('period'))}")
+        elif kind == "delay":
+            told.append(f"T = {style.duration(si('time'))}")
         elif kind == "lag":
             told.append(f"τ = {style.duration(si('time_constant'))}")
         elif kind in ("limit", "dead_zone", "compare"):

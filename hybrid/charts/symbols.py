@@ -379,6 +379,7 @@ SYMBOLS: Mapping[str, Symbol] = MappingProxyType(
         "invert": Symbol(_inverter, 44.0, 38.0),
         "integrate": Symbol(_integrator, 60.0, 48.0),
         "lag": Symbol(_curve(*_LAG, axes=False)),
+        "delay": Symbol(_sign("e⁻ˢᵀ", 14.0)),
         "multiply": Symbol(_sign("×")),
         "divide": Symbol(_divider),
         "square_root": Symbol(_sign("√", 19.0)),

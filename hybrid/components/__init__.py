@@ -5,7 +5,8 @@ from __future__ import annotations
 from collections.abc import Mapping
 from types import MappingProxyType
 
-from hybrid.components.base import Core, Given, Kind, Oscillation, Step
+from hybrid.components.base import Block, Core, Given, Kind, Oscillation, Step
+from hybrid.components.delay import Delay
 from hybrid.components.linear import Coefficient, Integrate, Invert, Lag, Sum
 from hybrid.components.nonlinear import (
     Absolute,
@@ -40,6 +41,7 @@ CATALOG: Mapping[str, Kind] = MappingProxyType(
             Invert(),
             Integrate(),
             Lag(),
+            Delay(),
             Multiply(),
             Divide(),
             SquareRoot(),
@@ -56,4 +58,4 @@ CATALOG: Mapping[str, Kind] = MappingProxyType(
     }
 )
 
-__all__ = ["CATALOG", "Core", "Given", "Kind", "Oscillation", "Step"]
+__all__ = ["CATALOG", "Block", "Core", "Given", "Kind", "Oscillation", "Step"]

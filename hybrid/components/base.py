@@ -44,6 +44,20 @@ class Step:
 
 
 @dataclass(frozen=True, slots=True)
+class Block:
+    """What the sum u of the inputs goes through: x' = a x + b u, w = c x + d u, with gain 1 at rest.
+
+    At rest x is `rest` times u; a state that is not 0 then has a negative rate of its own.
+    """
+
+    a: tuple[tuple[float, ...], ...]  # 1/s
+    b: tuple[float, ...]  # 1/s
+    c: tuple[float, ...]
+    d: float
+    rest: tuple[float, ...]
+
+
+@dataclass(frozen=True, slots=True)
 class Core:
     """What a component does before its output stage, in SI problem units."""
 
@@ -52,6 +66,7 @@ class Core:
     dynamic: bool = False
     feedback: float = 0.0  # 1/s, dynamic cores only
     initial: float | None = None  # dynamic cores; None: settled before the run
+    block: Block | None = None
     oscillation: Oscillation | None = None
     steps: tuple[Step, ...] = ()
     held: float = 0.0  # the stepped part before its first step

@@ -58,7 +58,7 @@ def _component(book: Book, name: str, table: Table, place: Place) -> Component:
     if complaint:
         raise PatchError(f"{what}: {complaint}", place)
     control = _control(book, fields) if "control" in table.entries else None
-    values = fields.quantities((kind.main, *kind.keys), scale)
+    values = {**fields.quantities((kind.main, *kind.keys), scale), **fields.wholes(kind.keys)}
     _refuse_mixed_frequency(book, values, fields)
     return Component(
         name,
