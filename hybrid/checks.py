@@ -267,8 +267,8 @@ def _pots(machine: Machine) -> tuple[PotRow, ...]:
             continue
         core = kind.core(values, gains)
         own = scale[component.name]
-        entries = {s: g * scale[s] / own for s, g in core.gains.items()}
-        if core.feedback:
+        entries = {s: g * scale[s] / own / (core.loop_rate or 1.0) for s, g in core.gains.items()}
+        if core.feedback and not core.loop_rate:
             entries["(itself)"] = core.feedback
         if core.initial is not None:
             entries["(initial)"] = core.initial / own

@@ -14,9 +14,9 @@ from dataclasses import replace
 
 import numpy as np
 
-from hybrid.components import CATALOG, Block, Given
+from hybrid.components import CATALOG, Block, Core, Given
 from hybrid.components.linear import Integrate
-from hybrid.elements import INPUT, INTEGRATE, SINE, SUM, Element
+from hybrid.elements import INPUT, INTEGRATE, PIECES, SINE, SUM, Element, limit_pieces
 from hybrid.layout import AnalogLayout, block_states
 from hybrid.machine import Analog, OutputStage, StepEvent
 from hybrid.patch import Component, Patch
@@ -143,19 +143,17 @@ class _CircuitLayout(AnalogLayout):
         if isinstance(kind, Integrate):
             found = kind.limits(self.given[name].values)
             limits = (found[0] / full_scale, found[1] / full_scale) if found else None
-        yield (
-            name,
-            Element(
-                INTEGRATE,
-                {signal: gain * stage.gain for signal, gain in first.items()},
-                stage.offset * self.offset_rate(name),
-                figures=(core.feedback,),
-                limits=limits,
-                initial=core.initial / full_scale,
-                saturation=stage.saturation,
-                lag_s=stage.tau,
-            ),
+        integrator = Element(
+            INTEGRATE,
+            {signal: gain * stage.gain for signal, gain in first.items()},
+            stage.offset * self.offset_rate(name),
+            figures=(core.feedback,),
+            limits=limits,
+            initial=core.initial / full_scale,
+            saturation=stage.saturation,
+            lag_s=stage.tau,
         )
+        yield from _in_loop(name, integrator, core) if core.loop_rate else ((name, integrator),)
 
     def _nonlinear(self, name: str, stage: OutputStage) -> Iterator[tuple[str, Element]]:
         """The kind's element, which is in SI units inside, with inputs and output scaled."""
@@ -182,7 +180,9 @@ class _CircuitLayout(AnalogLayout):
             return {s: self.checked(name, gain) for s, gain in {**open_, **hidden}.items()}
 
         control = element.control
-        if control in self.gates:
+        if control and control.startswith(":"):
+            control = name + control
+        elif control in self.gates:
             control = f"{control}{GATE}"
         first, second = scaled(element.first), scaled(element.second)
         return replace(element, first=first, second=second, control=control)
@@ -191,6 +191,25 @@ class _CircuitLayout(AnalogLayout):
         """Gains in machine units."""
         own = self.scale[name]
         return {s: self.checked(name, gains[s] * self.scale[s] / own) for s in sorted(gains)}
+
+
+def _in_loop(name: str, integrator: Element, core: Core) -> Elements:
+    """An open amplifier as a lag of itself and its inputs: windows need not be as short as 1 / rate.
+
+    In a loop whose gain elsewhere is near 1 the lag's law holds what would be the shortest time.
+    """
+    held, rate, level = f"{name}:core", core.loop_rate, integrator.saturation
+    first = {signal: gain / rate for signal, gain in integrator.first.items()}
+    lag = Element(
+        PIECES if math.isfinite(level) else SUM,
+        {**first, held: 1.0 + core.feedback / rate},
+        integrator.constant / rate,
+        pieces=limit_pieces(-level, level) if math.isfinite(level) else (),
+        initial_piece=1,
+        initial_output=integrator.initial,
+        lag_s=1.0 / rate,
+    )
+    return (held, lag), (name, Element(SUM, {held: 1.0}, lag_s=integrator.lag_s))
 
 
 def _block(name: str, block: Block, first: Mapping[str, float]) -> Elements:

@@ -113,7 +113,7 @@ class AnalogLayout:
         if complaint:
             raise PatchError(f"component {component.name!r} {complaint}", component.place)
         core = kind.core(given.values, given.gains)
-        if core.initial is not None:
+        if core.initial is not None and "initial" in component.values:
             self._check_initial(component.name, core.initial, component.values["initial"])
         self.checked(component.name, core.feedback)
         for rate in (core.block.b + sum(core.block.a, ())) if core.block else ():
@@ -284,8 +284,11 @@ class AnalogLayout:
 
     def offset_rate(self, name: str) -> float:
         """What an offset adds to the core's rate: an integrator's is referred to its input and drifts
-        by offset per second, with a leak or without; all others' add to the output."""
+        by offset per second, with a leak or without, an open amplifier's to its input, too; all others'
+        add to the output."""
         core = self.cores[name]
+        if core.loop_rate:  # at the summing point of an amplifier
+            return core.loop_rate
         if not core.dynamic or CATALOG[self.components[name].kind].per_second:
             return 1.0
         return -core.feedback

@@ -332,6 +332,12 @@ class Sheet:
                 told.append(f"every {style.duration(si('period'))}")
         elif kind == "sawtooth":
             told.append(f"{bare('sawtooth')} every {style.duration(si('period'))}")
+        elif kind == "backlash":
+            told.append(f"play {bare('width')}")
+        elif kind == "multiply" and "quarter_square" in values:
+            told.append(f"{si('quarter_square'):g} segments")
+        elif kind in ("divide", "square_root") and "circuit" in values and si("circuit"):
+            told.append("in feedback")
         elif kind == "delay":
             told.append(f"T = {style.duration(si('time'))}")
         elif kind == "lag":

@@ -201,6 +201,10 @@ def _summer(field: Field) -> str:
     return _triangle(field) + words(field.width * 0.36, field.height / 2, "Σ", 14)
 
 
+def _amplifier(field: Field) -> str:
+    return _triangle(field) + words(field.width * 0.36, field.height / 2, "A", 14)
+
+
 def _inverter(field: Field) -> str:
     tip = field.width - 8
     body = shape((0.0, 0.0), (tip, field.height / 2), (0.0, field.height))
@@ -376,6 +380,7 @@ SYMBOLS: Mapping[str, Symbol] = MappingProxyType(
         ),
         "sum": Symbol(_summer, 46.0, 46.0),
         "coefficient": Symbol(_potentiometer, 40.0, 40.0),
+        "amplify": Symbol(_amplifier, 46.0, 46.0),
         "invert": Symbol(_inverter, 44.0, 38.0),
         "integrate": Symbol(_integrator, 60.0, 48.0),
         "lag": Symbol(_curve(*_LAG, axes=False)),
@@ -389,6 +394,9 @@ SYMBOLS: Mapping[str, Symbol] = MappingProxyType(
         "absolute": Symbol(_curve((-1, 1), (0, 0), (1, 1))),
         "limit": Symbol(_curve((-1.1, -0.7), (-0.6, -0.7), (0.6, 0.7), (1.1, 0.7))),
         "dead_zone": Symbol(_curve((-1.1, -0.8), (-0.4, 0), (0.4, 0), (1.1, 0.8))),
+        "backlash": Symbol(
+            _curve((-1.1, -0.8), (-0.5, -0.8), (1.0, 0.8), (0.4, 0.8), (-1.1, -0.8), (-0.5, -0.8))
+        ),
         "compare": Symbol(_comparator, 54.0, 50.0),
         "switch": Symbol(_switch, 50.0, 54.0),
         "track": Symbol(_track, 46.0, 46.0),

@@ -5,21 +5,21 @@ from __future__ import annotations
 from collections.abc import Mapping
 from types import MappingProxyType
 
+from hybrid.components.amplifier import Amplify
+from hybrid.components.backlash import Backlash
 from hybrid.components.base import Block, Core, Given, Kind, Oscillation, Step
 from hybrid.components.delay import Delay
 from hybrid.components.linear import Coefficient, Integrate, Invert, Lag, Sum
+from hybrid.components.multipliers import Divide, Multiply, SquareRoot
 from hybrid.components.nonlinear import (
     Absolute,
     Compare,
     CosOf,
     DeadZone,
-    Divide,
     FunctionGenerator,
     Limit,
-    Multiply,
     Sawtooth,
     SinOf,
-    SquareRoot,
     Switch,
     Track,
 )
@@ -42,6 +42,7 @@ CATALOG: Mapping[str, Kind] = MappingProxyType(
             Integrate(),
             Lag(),
             Delay(),
+            Amplify(),
             Multiply(),
             Divide(),
             SquareRoot(),
@@ -51,6 +52,7 @@ CATALOG: Mapping[str, Kind] = MappingProxyType(
             Absolute(),
             Limit(),
             DeadZone(),
+            Backlash(),
             Compare(),
             Switch(),
             Track(),

@@ -11,7 +11,7 @@ from hybrid.language import Bound, Holds, Key, Unit
 class Delay(Kind):
     """The Pade all-pass of a given order, closest to exp(-s T) at s = 0.
 
-    Its gain is 1 at every frequency; its phase follows omega T up to about omega T = 2 `order`.
+    Its gain is 1 at every frequency; its phase follows omega T up to about omega T = `order`.
     """
 
     key, symbol = "delay", "delay"

@@ -1,4 +1,4 @@
-"""Nonlinear components: multiplier, divider, function generators, limiters, comparators, switches.
+"""Nonlinear components: function generators, limiters, comparators, switches.
 
 Each gives an `Element` in problem units (SI); the compiler scales it to machine units and adds what all
 components share.
@@ -14,7 +14,6 @@ from hybrid.components.base import Core, Given, Kind, Step
 from hybrid.components.sources import BIAS, PERIOD, too_short
 from hybrid.elements import Element
 from hybrid.language import Bound, Holds, Key, Unit
-from hybrid.units import Dimension
 
 GAIN = Key("gain", Holds.QUANTITY, "factor of the result", Unit.ANY, default="1")
 CONTROL = Key(
@@ -37,58 +36,6 @@ class Nonlinear(Kind):
     def core(self, values: Mapping[str, float], gains: Mapping[str, float]) -> Core:
         """None but the steps of a source."""
         return Core()
-
-
-class Multiply(Nonlinear):
-    """The product of two signals."""
-
-    key, symbol, inputs = "multiply", "multiplier", 2
-    doc = "product of two signals"
-    main = Key("multiply", Holds.SIGNALS, "the two signals", required=True)
-    keys = (GAIN,)
-    operation = elements.PRODUCT
-
-    def element(self, given: Given) -> Element:
-        """w = gain * a * b, or gain * a / b."""
-        a, b = given.signals
-        return Element(self.operation, {a: given.values.get("gain", 1.0)}, second={b: 1.0})
-
-    def result(self, inputs: tuple[Dimension, ...]) -> Dimension:
-        """Dimension of the product."""
-        return inputs[0] * inputs[1]
-
-
-class Divide(Multiply):
-    """One signal divided by another."""
-
-    key, symbol = "divide", "divider"
-    doc = "the first signal divided by the second"
-    main = Key("divide", Holds.SIGNALS, "numerator and denominator", required=True)
-    operation = elements.QUOTIENT
-
-    def result(self, inputs: tuple[Dimension, ...]) -> Dimension:
-        """Dimension of the quotient."""
-        return inputs[0] / inputs[1]
-
-
-class SquareRoot(Nonlinear):
-    """The square root of a signal; 0 below 0."""
-
-    key = "square_root"
-    doc = "square root of a signal, 0 where it is negative"
-    main = Key("square_root", Holds.SIGNAL, "the signal", required=True)
-    keys = (GAIN,)
-
-    def element(self, given: Given) -> Element:
-        """w = gain * sqrt(a)."""
-        gain = given.values.get("gain", 1.0)
-        (a,) = given.signals
-        root = Element(elements.SQRT, {a: 1.0})
-        return elements.amplified(root, gain)
-
-    def result(self, inputs: tuple[Dimension, ...]) -> Dimension:
-        """Dimension of the root."""
-        return inputs[0] ** 0.5
 
 
 class SinOf(Nonlinear):

@@ -131,7 +131,11 @@ def _terms(book: Book, fields: Fields, kind: Kind) -> tuple[tuple[str, Value], .
 
 def _refuse_mixed_frequency(book: Book, values: dict[str, Value], fields: Fields) -> None:
     """Dimensions alone cannot tell Hz from rad/s, so the unit written must fit the key."""
-    for key, wrong, right in (("omega", "hz", "frequency"), ("frequency", "rad", "omega")):
+    for key, wrong, right in (
+        ("omega", "hz", "frequency: "),
+        ("frequency", "rad", "omega: "),
+        ("bandwidth", "hz", "rad/s (1 Hz is 2*pi rad/s)"),
+    ):
         tree = fields.table.entries.get(key)
         if key not in values or not isinstance(tree, Text):
             continue
@@ -140,5 +144,6 @@ def _refuse_mixed_frequency(book: Book, values: dict[str, Value], fields: Fields
             text = "1 " + book.units[expr.id]
         if any(word.endswith(wrong) for word in unit_words(text)):
             raise PatchError(
-                f"{fields.what}: {key} is given in {quoted(tree.text)}; use {right}:", tree.place
+                f"{fields.what}: {key} is given in {quoted(tree.text)}; use {right}".rstrip(),
+                tree.place,
             )
