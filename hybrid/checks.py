@@ -272,6 +272,8 @@ def _pots(machine: Machine) -> tuple[PotRow, ...]:
             entries["(itself)"] = core.feedback
         if core.initial is not None:
             entries["(initial)"] = core.initial / own
+        if component.kind == "noise_source":
+            entries = {"(reference)": core.noise / own}
         if component.kind == "constant" or core.steps:
             stepped = core.steps[0].value if core.steps else 0.0
             entries["(reference)"] = (stepped if core.integrated else core.constant + stepped) / own

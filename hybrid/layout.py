@@ -164,7 +164,7 @@ class AnalogLayout:
             self.first_inputs(inputs),
             np.array([self.scale[s] for s in self.signals]),
             np.array([static[s] for s in self.signals]),
-            tuple(i for i, s in enumerate(states) if s.endswith(SOURCE_STATES)),
+            tuple(i for i, s in enumerate(states) if self._only_drives(s, states)),
         )
         return analog, self.steps(inputs)
 
@@ -315,12 +315,21 @@ class AnalogLayout:
         if core and core.dynamic:
             rates[held] += row
             rates[held, held] += core.feedback
+            rms = stage.gain * self.checked(name, core.noise / self.scale[name])
+            noise[held, held] = rms * math.sqrt(-2.0 * core.feedback) if rms else 0.0
             row = self._unit_row("x", self._state_name(held))
         if stage.tau > 0:
             row[output] -= 1.0
             rates[output] += row / stage.tau
             # White noise through the lag: a first-order Gauss process of rms `noise`.
             noise[output, output] = stage.noise * math.sqrt(2.0 / stage.tau)
+
+    def _only_drives(self, state: str, states: Sequence[str]) -> bool:
+        """Whether a state belongs to a source, so that it is no mode of the patch."""
+        name = state.removesuffix(":core")
+        if name not in self.components or (state == name and f"{name}:core" in states):
+            return state.endswith(SOURCE_STATES)
+        return self.cores[name].dynamic and CATALOG[self.components[name].kind].symbol == "source"
 
     def _state_name(self, index: int) -> str:
         return next(s for (kind, s), i in self.column.items() if kind == "x" and i == index)

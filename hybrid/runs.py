@@ -237,11 +237,12 @@ def ending(player: Player) -> tuple[str, str]:
 
 def _left_out(machine: Machine) -> str:
     """What the engine does not play of this machine; ''."""
-    noisy = sorted(name for name, stage in machine.stages.items() if stage.noise > 0.0)
+    sources = {c.name for c in machine.patch.components if c.kind == "noise_source"}
+    noisy = sorted(n for n, stage in machine.stages.items() if stage.noise > 0.0 or n in sources)
     if not machine.elements or not noisy:
         return ""
     return (
-        "noise left out: only the exact engine plays component noise yet "
+        "noise left out: only the exact engine plays noise yet "
         f"({', '.join(noisy[:3])}{' ...' if len(noisy) > 3 else ''})"
     )
 

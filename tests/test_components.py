@@ -23,7 +23,16 @@ ONE = "one: {constant: 1, full_scale: 2}"
 
 
 def test_catalogue_is_covered():
-    linear = {"sum", "coefficient", "invert", "integrate", "lag", "delay", "amplify"}
+    linear = {
+        "sum",
+        "coefficient",
+        "invert",
+        "integrate",
+        "lag",
+        "delay",
+        "amplify",
+        "noise_source",
+    }
     linear |= {"constant", "step", "ramp", "pulse", "sine", "square"}
     assert {key for key, kind in CATALOG.items() if kind.is_linear} == linear
 

@@ -4,6 +4,7 @@ import math
 
 import numpy as np
 import pytest
+from scipy.linalg import solve_continuous_lyapunov
 
 import hybrid
 from hybrid.compiler import compile_patch
@@ -254,3 +255,87 @@ def test_a_wave_controls_at_its_edges_whatever_its_lag(tau):
     k = np.arange(17)
     area = np.minimum(k % 8, 4) * 0.05 + k // 8 * 0.2
     np.testing.assert_allclose(found["area"], area, rtol=0, atol=1e-12)
+
+
+# --- noise ---------------------------------------------------------------------------------------
+
+SIGMAS = 4.5  # one false alarm in 150,000
+NOISE = (
+    "n: {noise_source: 3 V, bandwidth: 50 rad/s, full_scale: 10 V}",
+    "y: {lag: {n: 1}, time_constant: 0.1 s, full_scale: 10 V}",
+)
+
+
+def test_noise_source_has_its_rms_and_its_spectrum(play):
+    """A first-order Gauss process: exp(-bandwidth * interval) between rows, rms 3; behind a lag T its
+    variance is divided by 1 + bandwidth T."""
+    played = play(patch(*NOISE, run="until: 8000 s, every: 20 ms"), seed=3)
+    n, y = played["n"][1000:], played["y"][1000:]
+    rho, rows = math.exp(-50 * 0.02), len(n)
+    power = np.mean(n**2)
+    spread = math.sqrt(2 * (1 + rho**2) / (1 - rho**2) / rows)
+    assert power == pytest.approx(9, rel=SIGMAS * spread)
+    for lag in (1, 2, 3):  # Bartlett's formula
+        own = rho ** (2 * lag)
+        variance = ((1 + rho**2) * (1 - own) / (1 - rho**2) - 2 * lag * own) / rows
+        found = np.mean(n[lag:] * n[:-lag]) / power
+        assert found == pytest.approx(rho**lag, abs=SIGMAS * math.sqrt(variance))
+    # The autocorrelation of y is that of two real poles, 10 and 50 rad/s.
+    t = np.arange(-200, 201) * 0.02
+    shape = (50 * np.exp(-10 * np.abs(t)) - 10 * np.exp(-50 * np.abs(t))) / 40
+    spread = math.sqrt(2 * np.sum(shape**2) / rows)
+    assert np.mean(y**2) == pytest.approx(9 / (1 + 50 * 0.1), rel=SIGMAS * spread)
+
+
+def test_covariances_of_the_noise_source_are_exact():
+    """Lyapunov's equation of n and y, from the machine's matrices: no sampling error."""
+    for tau in ("0 s", "1 ms"):
+        machine = compile_patch(
+            parse_patch(patch(*NOISE, machine=f"{{preset: ideal, tau: {tau}}}"))
+        )
+        analog = machine.analog
+        p = solve_continuous_lyapunov(analog.a, -analog.noise @ analog.noise.T)
+        states = list(analog.states)
+        core = states.index("n:core" if "n:core" in states else "n")
+        held = states.index("y:core" if "y:core" in states else "y")
+        assert p[core, core] == pytest.approx(0.09, rel=1e-12)
+        filters = 1 / (1 + 50 * 0.1) if tau == "0 s" else None
+        if filters:
+            assert p[held, held] == pytest.approx(0.09 * filters, rel=1e-12)
+        else:  # its own lag of 1 ms comes first: |1/(1+s/50)|^2 |1/(1+s T)|^2 |1/(1+s tau)|^2
+            out = states.index("n")
+            assert p[out, out] == pytest.approx(0.09 / (1 + 50 * 1e-3), rel=1e-12)
+
+
+def test_noise_source_is_the_seeds_and_starts_at_zero(play):
+    text = patch(*NOISE)
+    one, again, other = (play(text, seed=seed)["n"] for seed in (1, 1, 2))
+    assert np.array_equal(one, again) and not np.array_equal(one[1:], other[1:])
+    assert one[0] == 0.0
+
+
+def test_noise_source_is_no_mode_and_told_where_it_is_left_out():
+    loop = (
+        "v: {integrate: {x: -9, v: -0.6, n: 1}, initial: 0, full_scale: 3}",
+        "x: {integrate: {v: 1}, initial: 0.1, full_scale: 1}",
+        "n: {noise_source: 0.1, bandwidth: 5 rad/s, full_scale: 1}",
+    )
+    (mode,) = hybrid.predict(parse_patch(patch(*loop))).modes
+    assert (mode.omega, mode.zeta) == pytest.approx((3.0, 0.1), rel=1e-13)
+    result = run(compile_patch(parse_patch(patch(*loop)), as_circuit=True))
+    assert "only the exact engine plays noise yet (n)" in result.status_note
+
+
+@pytest.mark.parametrize(
+    ("wrong", "told"),
+    [
+        ("noise_source: 1", "has no bandwidth; add bandwidth:"),
+        ("noise_source: -1, bandwidth: 1 rad/s", "must be 0 or greater"),
+        ("noise_source: 1, bandwidth: 1 kHz", "bandwidth is given in '1 kHz'; use rad/s"),
+        ("noise_source: 1, bandwidth: 0 rad/s", "must be greater than 0"),
+        ("noise_source: 1e30, bandwidth: 1 rad/s", r"gain or rate of 1e\+30"),
+    ],
+)
+def test_wrong_noise_is_told(wrong, told):
+    with pytest.raises(PatchError, match=told):
+        compile_patch(parse_patch(patch(f"x: {{{wrong}, full_scale: 1}}")))

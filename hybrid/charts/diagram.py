@@ -338,6 +338,8 @@ class Sheet:
             told.append(f"{si('quarter_square'):g} segments")
         elif kind in ("divide", "square_root") and "circuit" in values and si("circuit"):
             told.append("in feedback")
+        elif kind == "noise_source":
+            told.append(f"{bare('noise_source')} rms, {number(si('bandwidth'), 4)} rad/s")
         elif kind == "delay":
             told.append(f"T = {style.duration(si('time'))}")
         elif kind == "lag":

@@ -358,6 +358,10 @@ def _other(field: Field) -> str:
 
 
 _SINE = [(x / 8, 0.75 * math.sin(math.pi * x / 8)) for x in range(-8, 9)]
+_NOISE = [
+    (x / 6 - 1, y)
+    for x, y in enumerate((0, 0.5, -0.3, 0.7, 0.1, -0.6, 0.4, -0.7, 0.2, 0.6, -0.5, 0.3, 0))
+]
 _LAG = [(x / 8, 1.6 * (1 - math.exp(-(x + 8) / 4)) - 0.8) for x in range(-8, 9)]
 
 # By key of the component; those of kinds that are only planned cost nothing.
@@ -378,6 +382,7 @@ SYMBOLS: Mapping[str, Symbol] = MappingProxyType(
         "square": Symbol(
             _wave([(-1, -0.6), (-1, 0.6), (0, 0.6), (0, -0.6), (1, -0.6), (1, 0.6)]), 40.0, 40.0
         ),
+        "noise_source": Symbol(_wave(_NOISE), 40.0, 40.0),
         "sum": Symbol(_summer, 46.0, 46.0),
         "coefficient": Symbol(_potentiometer, 40.0, 40.0),
         "amplify": Symbol(_amplifier, 46.0, 46.0),

@@ -23,7 +23,7 @@ from hybrid.components.nonlinear import (
     Switch,
     Track,
 )
-from hybrid.components.sources import Constant, Pulse, Ramp, Sine, Square, StepSource
+from hybrid.components.sources import Constant, NoiseSource, Pulse, Ramp, Sine, Square, StepSource
 
 CATALOG: Mapping[str, Kind] = MappingProxyType(
     {
@@ -36,6 +36,7 @@ CATALOG: Mapping[str, Kind] = MappingProxyType(
             Sine(),
             Square(),
             Sawtooth(),
+            NoiseSource(),
             Sum(),
             Coefficient(),
             Invert(),

@@ -66,6 +66,7 @@ class Core:
     dynamic: bool = False
     feedback: float = 0.0  # 1/s, dynamic cores only
     initial: float | None = None  # dynamic cores; None: settled before the run
+    noise: float = 0.0  # rms of the output, of a core that is white noise through its own feedback
     loop_rate: float = 0.0  # 1/s, rate of a loop around an open amplifier of gain 1 elsewhere
     block: Block | None = None
     oscillation: Oscillation | None = None

@@ -1,4 +1,4 @@
-"""Sources: constant, step, ramp, pulse, square wave, sine.
+"""Sources: constant, step, ramp, pulse, square wave, sine, noise.
 
 What jumps does so at instants of exact integer time, like the events of the digital machine: a sample
 taken at that instant still sees the value before, and edge k of a wave is at k periods, never at a sum.
@@ -169,3 +169,31 @@ class Sine(Kind):
         if ("omega" in values) == ("frequency" in values):
             return "give either omega (rad/s) or frequency (Hz)"
         return ""
+
+
+class NoiseSource(Kind):
+    """A noise generator: white noise through a first-order filter."""
+
+    key, symbol = "noise_source", "source"
+    doc = "noise of a given rms value, white noise through a first-order filter"
+    main = Key(
+        "noise_source", Holds.QUANTITY, "its rms value", Unit.OWN, Bound.NOT_NEGATIVE, required=True
+    )
+    keys = (
+        Key(
+            "bandwidth",
+            Holds.QUANTITY,
+            "where the power density has fallen to a half, in rad/s",
+            Unit.RATE,
+            Bound.POSITIVE,
+            required=True,
+        ),
+    )
+
+    def core(self, values: Mapping[str, float], gains: Mapping[str, float]) -> Core:
+        """w' = -bandwidth w + rms sqrt(2 bandwidth) white noise, from w(0) = 0.
+
+        One-sided power density over f in Hz: 4 rms^2 / bandwidth / (1 + (2 pi f / bandwidth)^2).
+        """
+        rate = values["bandwidth"]
+        return Core(dynamic=True, feedback=-rate, initial=0.0, noise=values["noise_source"])
