@@ -96,7 +96,10 @@ def build_timeline(machine: Machine) -> Timeline:
     warm_up = -(-(machine.latency_ticks + 1) // stretch)
     waves = {s.every_ticks for s in machine.steps if s.every_ticks}
     together = math.lcm(stretch, *waves)
-    if timing.until >= (warm_up + 2) * together:
+    laid_out = _clock_events(machine, (warm_up + 1) * together)
+    if timing.until >= (warm_up + 2) * together and (
+        together == stretch or laid_out <= MOST_FLAT_EVENTS
+    ):
         stretch, edges = together, edges_of(machine.steps)
     else:  # a wave that never falls in with the clock: one edge after the other
         edges = _one_by_one(machine)
@@ -163,16 +166,20 @@ def _one_by_one(machine: Machine) -> Edges:
     return Edges(tuple(sorted((tick, index) for tick, _, index in events)), ())
 
 
+def _clock_events(machine: Machine, until: int) -> int:
+    """How many events of cycles and record there are, about."""
+    timing = machine.timing
+    per_cycle = 3 + 2 * len(machine.samplers) + len(machine.holders)
+    cycles = until // timing.period if timing.period else 0
+    return until // timing.every + per_cycle * cycles
+
+
 def _refuse_too_many(machine: Machine, until: int, edges: Edges) -> None:
     """Laying out events one by one is for short stretches only."""
     for _, period, index in edges.waves:
         if until // period > MOST_FLAT_EVENTS:
             _refuse_wave(machine, index, until)
-    timing = machine.timing
-    per_cycle = 3 + 2 * len(machine.samplers) + len(machine.holders)
-    count = until // timing.every
-    if timing.period:
-        count += per_cycle * (until // timing.period)
+    timing, count = machine.timing, _clock_events(machine, until)
     if count > MOST_FLAT_EVENTS:
         raise PatchError(
             f"the period {to_seconds(timing.period):.12g} s and the record interval "

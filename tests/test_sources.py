@@ -339,3 +339,19 @@ def test_noise_source_is_no_mode_and_told_where_it_is_left_out():
 def test_wrong_noise_is_told(wrong, told):
     with pytest.raises(PatchError, match=told):
         compile_patch(parse_patch(patch(f"x: {{{wrong}, full_scale: 1}}")))
+
+
+def test_a_common_multiple_that_is_too_long_is_not_needed():
+    """2.46913 s and 0.1 ms meet every 24.6913 s, 246,913 rows; 648 edges are laid out one by one."""
+    text = patch(
+        "q: {square: 1, period: 2.46913 s, full_scale: 1}", run="until: 800 s, every: 0.1 ms"
+    )
+    timeline = build_timeline(compile_patch(parse_patch(text)))
+    found, begin = [], 0
+    for segment in timeline.segments:
+        found += [
+            begin + offset for offset, kind, _ in segment.events if kind == Happening.SOURCE
+        ] * segment.repeats
+        begin += segment.length * segment.repeats
+    assert found == [k * 1234565 * 10**9 for k in range(1, 649)]
+    assert begin == timeline.until
