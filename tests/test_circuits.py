@@ -385,3 +385,20 @@ def test_wrong_figures_are_told(wrong, told):
     text = patch("one: {constant: 1, full_scale: 1}", f"x: {{{wrong}, full_scale: 1}}")
     with pytest.raises(PatchError, match=told):
         compile_patch(parse_patch(text))
+
+
+# --- the start -----------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("circuit", [False, True])
+def test_a_loop_of_lagged_parts_begins_settled(circuit):
+    """a = 1 - 0.9 a: at 1 / 1.9 before the run, on either engine."""
+    text = patch(
+        "one: {constant: 1, full_scale: 1}",
+        "a: {sum: {b: 0.9, one: 1}, full_scale: 1}",
+        "b: {invert: a, full_scale: 1}",
+        machine="lags",
+    )
+    a = columns(text, as_circuit=circuit)["a"]
+    assert a[0] == pytest.approx(1 / 1.9, rel=1e-13)
+    np.testing.assert_allclose(a, 1 / 1.9, rtol=RESOLVED)
