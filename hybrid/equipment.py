@@ -15,7 +15,7 @@ from hybrid.machine import Machine
 from hybrid.trial import Trial
 
 # Parts that take an amplifier of the machine's pool; multipliers and the like have their own.
-AMPLIFIERS = ("integrator", "summer", "inverter", "lag")
+AMPLIFIERS = ("integrator", "summer", "inverter", "lag", "open amplifier")
 
 
 class Setting(Protocol):
