@@ -21,10 +21,11 @@ from hybrid.graph import simple_loops
 from hybrid.linearity import NotLinear
 from hybrid.machine import Machine
 from hybrid.patch import Value
+from hybrid.potentiometers import dialled_core, setting_of
 from hybrid.prediction import Case, closed_form_case, signal_graph
 from hybrid.record import full_scales, machine_facts, signal_units
 from hybrid.runs import check_windows, thinning, thinning_text
-from hybrid.scale import to_seconds, to_ticks
+from hybrid.scale import time_scale_text, to_seconds, to_ticks
 from hybrid.timeline import build_timeline
 from hybrid.trial import Trial, Use, try_out, uses
 
@@ -169,6 +170,12 @@ def check(
     check_windows(compiled)
     timeline = build_timeline(compiled)
     events = f"{counted(timeline.cycles, 'cycle')}, {counted(timeline.rows, 'row')} of the record"
+    if compiled.operation:
+        number = compiled.operation.done(compiled.timing.until)
+        operate_s = to_seconds(compiled.operation.operate)
+        events += f", {counted(number, 'operation')} of {operate_s:g} s"
+    if compiled.time_scale != 1.0:
+        events += f", {time_scale_text(compiled.time_scale)}"
     thinned = thinning_text(thinning(compiled, timeline.rows))
     tried = try_out(compiled) if trial else None
     values, rates = _settled(compiled)
@@ -245,9 +252,11 @@ def _settled(machine: Machine) -> tuple[list[float], dict[str, float]]:
         from hybrid.engine.windows import settled  # takes long to load
 
         values, drives = settled(machine)
+        shown = dict(zip(analog.signals, values, strict=True))
         for name, element in machine.elements:
             if element.kind == INTEGRATE:  # its leak is no input
-                drives[name] += element.figures[0] * element.initial
+                begins = shown[name] if element.second else element.initial
+                drives[name] += element.figures[0] * begins
         return values, drives
     found = (analog.a @ analog.x0 + analog.b @ analog.u0).tolist()
     rates = dict(zip(analog.states, found, strict=True))
@@ -265,12 +274,13 @@ def _pots(machine: Machine) -> tuple[PotRow, ...]:
         kind = CATALOG[component.kind]
         if not kind.is_linear:
             continue
-        core = kind.core(values, gains)
+        resolution = machine.stages[component.name].pot_resolution
+        core = dialled_core(kind.core(values, gains), component.name, scale, resolution)
         own = scale[component.name]
         entries = {s: g * scale[s] / own / (core.loop_rate or 1.0) for s, g in core.gains.items()}
         if core.feedback and not core.loop_rate:
             entries["(itself)"] = core.feedback
-        if core.initial is not None:
+        if core.initial is not None and "initial" in values:
             entries["(initial)"] = core.initial / own
         if component.kind == "noise_source":
             entries = {"(reference)": core.noise / own}
@@ -283,10 +293,8 @@ def _pots(machine: Machine) -> tuple[PotRow, ...]:
 
 def _pot(component: str, name: str, value: float) -> PotRow:
     """A potentiometer goes from 0 to 1; an amplifier input with a gain of 10, 100 ... does the rest."""
-    size = abs(value)
-    power = max(0, math.ceil(math.log10(size) - 1e-12)) if size > 0 else 0
-    gain: int = 10**power
-    return PotRow(component, name, value, size / gain, gain, value < 0)
+    setting, gain = setting_of(value)
+    return PotRow(component, name, value, setting, gain, value < 0)
 
 
 def _converters(machine: Machine) -> tuple[ConverterRow, ...]:

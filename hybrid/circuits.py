@@ -16,9 +16,20 @@ import numpy as np
 
 from hybrid.components import CATALOG, Block, Core, Given
 from hybrid.components.linear import Integrate
-from hybrid.elements import INPUT, INTEGRATE, PIECES, SINE, SUM, Element, limit_pieces
+from hybrid.elements import (
+    INPUT,
+    INTEGRATE,
+    MODE,
+    NUMBER,
+    PIECES,
+    SINE,
+    SUM,
+    Element,
+    limit_pieces,
+)
 from hybrid.layout import AnalogLayout, block_states
 from hybrid.machine import Analog, OutputStage, StepEvent
+from hybrid.modes import HOLD, IC, LOGIC, MODE_ELEMENT, MODE_NAMES, OP, TIMED_MODE
 from hybrid.patch import Component, Patch
 
 # Ends the name of a source's hidden element that controls others.
@@ -28,7 +39,7 @@ Elements = tuple[tuple[str, Element], ...]
 
 
 def is_linear(patch: Patch) -> bool:
-    """Whether every component of the patch is linear, so that matrices describe it."""
+    """Whether every component of the patch is linear, so that matrices describe it while in OP."""
     return all(CATALOG[c.kind].linear_with(c.values) for c in patch.components)
 
 
@@ -55,7 +66,9 @@ class _CircuitLayout(AnalogLayout):
     ) -> None:
         self.given: dict[str, Given] = {}
         super().__init__(patch, scope, stages)
-        controls = {c.control for c in patch.components if c.control}
+        modes = patch.modes
+        controls = {s for component in patch.components for s in component.controls}
+        controls |= {s for s in (modes.reset_when, modes.hold_when) if s} if modes else set()
         # Sources that control something: it follows their edges at once, without their lag.
         self.gates = {name for name, core in self.cores.items() if core.steps} & controls
 
@@ -66,7 +79,7 @@ class _CircuitLayout(AnalogLayout):
     def build_circuit(self) -> tuple[Analog, tuple[StepEvent, ...], Elements]:
         """Everything the machine needs of the analog side."""
         self.reject_lagless_loops()
-        inputs = self.held_inputs()
+        inputs = (*self.held_inputs(), *((TIMED_MODE,) if self._is_timed else ()))
         none, count = np.zeros((0, 0)), len(self.signals)
         analog = Analog(
             self.signals,
@@ -83,11 +96,87 @@ class _CircuitLayout(AnalogLayout):
             (),
         )
         found = [pair for name in self.signals for pair in self._elements(name)]
-        return analog, self.steps(inputs), tuple(found)
+        return analog, self.steps(inputs), (*self._mode_elements(), *found)
+
+    @property
+    def _is_timed(self) -> bool:
+        """Whether time sets the machine's mode; the input that does begins at 0, which is IC."""
+        return self.patch.modes is not None and self.patch.modes.operate is not None
+
+    def _mode_elements(self) -> Iterator[tuple[str, Element]]:
+        """The machine's mode as a number, and the logic signals of it that the patch uses."""
+        if not self.patch.leaves_op:
+            return
+        if self._is_timed:
+            yield TIMED_MODE, Element(INPUT)
+        modes = self.patch.modes
+        mode = Element(
+            MODE,
+            control=TIMED_MODE if self._is_timed else None,
+            reset=self._gate(modes.reset_when) if modes else None,
+            hold=self._gate(modes.hold_when) if modes else None,
+            figures=(float(NUMBER),),
+        )
+        yield MODE_ELEMENT, mode
+        for name in self._logic_signals:
+            yield name, replace(mode, figures=(float(LOGIC[name]),))
+
+    @property
+    def _logic_signals(self) -> list[str]:
+        used = {s for component in self.components.values() for s in component.controls}
+        return sorted(used & LOGIC.keys() - self.scale.keys())
+
+    def reject_lagless_loops(self) -> None:
+        """In no mode; and in IC an integrator without lag passes on the signal that it follows."""
+        everything = self.direct_inputs()
+        for mode in (OP, HOLD, IC) if self.patch.leaves_op else (OP,):
+            what = "algebraic loop through parts without lag"
+            what += f" in {MODE_NAMES[mode]}" if self.patch.leaves_op else ""
+            direct = {n: inputs for n, inputs in everything.items() if self._passes(n, mode)}
+            remedy = "give one of them a tau above 0, or an integrator in between"
+            self.reject_loop(direct, what, remedy)
+            stores = {n for n, component in self.components.items() if component.kind == "track"}
+            direct = {n: inputs for n, inputs in direct.items() if n not in stores - self._by_mode}
+            direct |= self._initial_inputs(mode)
+            self.reject_loop(
+                direct, what, "put a track-store into it, or give one of them a tau above 0"
+            )
+
+    def _passes(self, name: str, mode: int) -> bool:
+        """Whether a part passes its inputs on in this mode: a store that the mode controls may not."""
+        return name not in self._by_mode or LOGIC[self.components[name].control or ""] == mode
+
+    @property
+    def _by_mode(self) -> set[str]:
+        """Stores that the machine's mode controls."""
+        return {
+            name
+            for name, component in self.components.items()
+            if component.kind == "track" and component.control in LOGIC
+        }
+
+    def _initial_inputs(self, mode: int) -> dict[str, list[str]]:
+        """The signals that integrators without lag may follow while the machine is in this mode."""
+        return {
+            name: [component.initial_signal]
+            for name, component in self.components.items()
+            if component.initial_signal
+            and self.stages[name].tau == 0
+            and (mode == IC or component.reset_when)
+        }
+
+    def direct_inputs(self) -> dict[str, list[str]]:
+        """The machine's mode may depend on a comparator, and what switches on the mode."""
+        modes, direct = self.patch.modes, super().direct_inputs()
+        if modes:
+            by = [s for s in (modes.reset_when, modes.hold_when) if s]
+            direct |= dict.fromkeys(self._logic_signals, by)
+        return direct
 
     def inputs_of(self, name: str) -> list[str]:
         """Signals that a component reads at the same instant."""
-        return list(self.components[name].sources)
+        component = self.components[name]
+        return sorted({*component.sources, *component.controls})
 
     def _elements(self, name: str) -> Iterator[tuple[str, Element]]:
         """The hidden element of a signal, if it has one, and its own."""
@@ -128,9 +217,11 @@ class _CircuitLayout(AnalogLayout):
         """An integrator, or a lag that the problem wants."""
         core, full_scale = self.cores[name], self.scale[name]
         first = self._scaled(core.gains, name)
-        if core.initial is None:  # a lag that begins settled
-            time_s = -1.0 / core.feedback
-            settled = {signal: gain * time_s for signal, gain in first.items()}
+        # What an integrator follows in IC and where it begins; a lag settles to its inputs.
+        component, follows, initial = self.components[name], dict[str, float](), 0.0
+        time_s = -1.0 / core.feedback if core.feedback else math.inf
+        settled = {signal: gain * time_s for signal, gain in first.items() if core.initial is None}
+        if core.initial is None and not self.patch.leaves_op:
             lag = _with_errors(Element(SUM, settled), replace(stage, tau=time_s))
             if stage.tau == 0.0:
                 yield name, lag
@@ -138,6 +229,14 @@ class _CircuitLayout(AnalogLayout):
             yield f"{name}:core", lag
             yield name, Element(SUM, {f"{name}:core": 1.0}, lag_s=stage.tau)
             return
+        if core.initial is None:
+            follows = {signal: gain * stage.gain for signal, gain in settled.items()}
+            initial = stage.offset
+        elif component.initial_signal:
+            signal = component.initial_signal
+            follows = {signal: self.checked(name, self.scale[signal] / full_scale)}
+        else:
+            initial = core.initial / full_scale
         limits = None
         kind = CATALOG[self.components[name].kind]
         if isinstance(kind, Integrate):
@@ -147,11 +246,16 @@ class _CircuitLayout(AnalogLayout):
             INTEGRATE,
             {signal: gain * stage.gain for signal, gain in first.items()},
             stage.offset * self.offset_rate(name),
-            figures=(core.feedback,),
+            follows,
+            initial,
+            MODE_ELEMENT if self.patch.leaves_op else None,
+            (core.feedback, float(component.kind == "lag")),
             limits=limits,
-            initial=core.initial / full_scale,
+            initial=initial,
             saturation=stage.saturation,
             lag_s=stage.tau,
+            reset=self._gate(component.reset_when),
+            hold=self._gate(component.hold_when),
         )
         yield from _in_loop(name, integrator, core) if core.loop_rate else ((name, integrator),)
 
@@ -180,12 +284,13 @@ class _CircuitLayout(AnalogLayout):
             return {s: self.checked(name, gain) for s, gain in {**open_, **hidden}.items()}
 
         control = element.control
-        if control and control.startswith(":"):
-            control = name + control
-        elif control in self.gates:
-            control = f"{control}{GATE}"
+        control = name + control if control and control.startswith(":") else self._gate(control)
         first, second = scaled(element.first), scaled(element.second)
         return replace(element, first=first, second=second, control=control)
+
+    def _gate(self, control: str | None) -> str | None:
+        """What switches at once where this signal is a control."""
+        return f"{control}{GATE}" if control in self.gates else control
 
     def _scaled(self, gains: Mapping[str, float], name: str) -> dict[str, float]:
         """Gains in machine units."""

@@ -132,6 +132,7 @@ def _run(options: argparse.Namespace, filing: Filing) -> int:
             seed=result.seed,
             engine=result.engine,
             cycles=result.cycles,
+            operations=result.operations,
             status=result.status,
             status_note=result.status_note,
             readouts=result.readouts,

@@ -12,8 +12,18 @@ from collections.abc import Mapping
 from hybrid.circuits import Elements, build_circuit, is_linear
 from hybrid.errors import PatchError, RunError, did_you_mean, quoted
 from hybrid.layout import build_analog
-from hybrid.machine import Analog, Holder, Machine, OutputStage, Sampler, Timing
+from hybrid.machine import (
+    Analog,
+    Holder,
+    Machine,
+    Operation,
+    OutputStage,
+    Sampler,
+    StepEvent,
+    Timing,
+)
 from hybrid.machines import PRESETS, Preset
+from hybrid.modes import HOLD, IC, OP, TIMED_MODE
 from hybrid.patch import Adc, Component, Dac, Patch, Value
 from hybrid.scale import TICKS_PER_SECOND, to_seconds, to_ticks
 from hybrid.streams import unit_error
@@ -30,6 +40,8 @@ MOST_RECORDED = 10**8
 LARGEST_SERIAL = 2**63 - 1
 # Saturation levels that make sense, in full scales, or the inverse of them.
 LEAST_SATURATION = 1e-3
+LARGEST_TIME_SCALE = 1e9
+LARGEST_POT_RESOLUTION = 0.1
 # An ADC's range, as a fraction of its signal's full scale, or the inverse of it.
 SMALLEST_RANGE = 1e-12
 
@@ -53,15 +65,24 @@ def compile_patch(
     if not 0 <= serial <= LARGEST_SERIAL:
         raise RunError(f"serial is {serial}; it must be a whole number from 0 to 2^63 - 1")
     common = {} if machine else patch.machine.errors
+    time_scale = _time_scale(patch, scope)
+    resolution = 0.0 if machine else _pot_resolution(patch, scope)
     stages = {
-        part.name: _output_stage(part, preset, common, serial, scope) for part in patch.analog_parts
+        part.name: _output_stage(part, preset, common, serial, scope, time_scale, resolution)
+        for part in patch.analog_parts
     }
     elements: Elements = ()
+    operating, has_modes = None, patch.leaves_op or any(c.is_switched for c in patch.components)
     saturates = any(stage.saturation < math.inf for stage in stages.values())
-    if is_linear(patch) and not saturates and not as_circuit:
+    linear = is_linear(patch) and not saturates
+    if linear and not has_modes and not as_circuit:
         analog, steps = build_analog(patch, scope, stages)
     else:
         analog, steps, elements = build_circuit(patch, scope, stages)
+        operating = build_analog(patch, scope, stages)[0] if linear and has_modes else None
+    operation = _operation(patch, scope)
+    if operation:
+        steps += _mode_changes(operation, analog.inputs.index(TIMED_MODE))
     adcs = sorted(patch.adcs, key=lambda adc: adc.name)
     dacs = sorted(patch.dacs, key=lambda dac: dac.name)
     tape = build_tape(patch.program, tuple(adc.name for adc in adcs), scope)
@@ -74,12 +95,15 @@ def compile_patch(
         dict(overrides or {}),
         stages,
         analog,
-        tuple(_sampler(a, patch, analog, scales, preset, scope) for a in adcs),
+        tuple(_sampler(a, patch, analog, scales, preset, scope, time_scale) for a in adcs),
         tuple(_holder(d, analog, tape.words, scales, preset) for d in dacs),
         steps,
         tape,
-        _timing(patch, scope),
+        _timing(patch, scope, time_scale),
         elements,
+        operation,
+        time_scale,
+        operating,
     )
 
 
@@ -92,12 +116,41 @@ def find_preset(patch: Patch, machine: str | None) -> Preset:
     return PRESETS[name]
 
 
+def _time_scale(patch: Patch, scope: Mapping[str, float]) -> float:
+    """Problem seconds in a machine second."""
+    if patch.time_scale is None:
+        return 1.0
+    found = patch.time_scale.number(scope)
+    if not 1.0 / LARGEST_TIME_SCALE <= found <= LARGEST_TIME_SCALE:
+        raise PatchError(
+            f"time_scale is {found:g}; it must be from {1.0 / LARGEST_TIME_SCALE:g} to "
+            f"{LARGEST_TIME_SCALE:g} problem seconds in a machine second",
+            patch.time_scale.place,
+        )
+    return found
+
+
+def _pot_resolution(patch: Patch, scope: Mapping[str, float]) -> float:
+    """Step of the potentiometers' settings."""
+    value = patch.machine.pot_resolution
+    found = value.number(scope) if value else 0.0
+    if value and found > LARGEST_POT_RESOLUTION:
+        raise PatchError(
+            f"pot_resolution is {found:g}; it is a step of settings from 0 to 1, so at most "
+            f"{LARGEST_POT_RESOLUTION:g} (1e-4: dials of four digits)",
+            value.place,
+        )
+    return found
+
+
 def _output_stage(
     part: Component | Dac,
     preset: Preset,
     common: Mapping[str, Value],
     serial: int,
     scope: Mapping[str, float],
+    time_scale: float,
+    resolution: float,
 ) -> OutputStage:
     kind = part.kind if isinstance(part, Component) else "dac"
 
@@ -105,7 +158,13 @@ def _output_stage(
         value = part.errors.get(key) or common.get(key)
         return _error_figure(key, value, scope) if value else preset.figure(key, kind)
 
-    tau, noise = figure("tau"), figure("noise")
+    tau, noise = figure("tau") * time_scale, figure("noise")
+    if 0.0 < tau < 1.0 / TICKS_PER_SECOND:
+        raise PatchError(
+            f"{part.name!r} has a lag of {tau:g} s in problem time, below a femtosecond, the resolution "
+            "of time; raise time_scale or give its tau as 0",
+            part.place,
+        )
     if noise > 0 and tau == 0:
         raise PatchError(
             f"{part.name!r} has noise {noise:g} but no lag, and noise without a lag has no "
@@ -116,7 +175,9 @@ def _output_stage(
     if noise == 0 and isinstance(part, Component) and part.kind == "constant":
         tau = 0.0  # settled before the run and never moves again: its lag would cost and do nothing
     step_mu = _step_mu(part.bits, 1.0, preset) if isinstance(part, Dac) else 0.0
-    return OutputStage(tau, gain, figure("offset"), noise, figure("saturation"), step_mu)
+    return OutputStage(
+        tau, gain, figure("offset"), noise, figure("saturation"), step_mu, resolution
+    )
 
 
 def _error_figure(key: str, value: Value, scope: Mapping[str, float]) -> float:
@@ -159,6 +220,7 @@ def _sampler(
     scales: Mapping[str, float],
     preset: Preset,
     scope: Mapping[str, float],
+    time_scale: float,
 ) -> Sampler:
     assert patch.program is not None
     full_scale = scales[adc.source]
@@ -169,8 +231,8 @@ def _sampler(
             "it must be comparable",
             adc.range.place,
         )
-    skew = _ticks(patch.program.skew, scope)
-    conversion = _ticks(adc.conversion_time, scope)
+    skew = _ticks(patch.program.skew, scope, time_scale)
+    conversion = _ticks(adc.conversion_time, scope, time_scale)
     if adc.conversion_time and conversion >= _ticks(patch.program.period, scope):
         raise PatchError(
             f"{adc.conversion_time.what} is {to_seconds(conversion):g} s, not shorter than the period: "
@@ -208,11 +270,11 @@ def _holder(
     )
 
 
-def _ticks(duration: Value | None, scope: Mapping[str, float]) -> int:
-    """A duration in ticks, 0 where it is not given."""
+def _ticks(duration: Value | None, scope: Mapping[str, float], time_scale: float = 1.0) -> int:
+    """A duration in ticks of problem time, 0 where it is not given."""
     if duration is None:
         return 0
-    seconds = duration.number(scope)
+    seconds = duration.number(scope) * time_scale
     if seconds > LONGEST_S:
         raise PatchError(
             f"{duration.what} is {seconds:g} s; at most {LONGEST_S:g} s are possible",
@@ -228,10 +290,32 @@ def _ticks(duration: Value | None, scope: Mapping[str, float]) -> int:
     return ticks
 
 
-def _timing(patch: Patch, scope: Mapping[str, float]) -> Timing:
+def _mode_changes(operation: Operation, held: int) -> tuple[StepEvent, ...]:
+    """What time makes of the held input that is the machine's mode."""
+    end, every, times = operation.reset + operation.operate, operation.length, operation.count
+    changes = [(IC, 0), (OP, operation.reset)] + ([(HOLD, end)] if operation.hold else [])
+    steps = [StepEvent(TIMED_MODE, held, float(mode), at, every, times) for mode, at in changes]
+    if times and not operation.hold:
+        last = (times - 1) * every + end
+        steps.append(StepEvent(TIMED_MODE, held, float(HOLD), last))
+    return tuple(steps)
+
+
+def _operation(patch: Patch, scope: Mapping[str, float]) -> Operation | None:
+    """What time makes of the machine's mode."""
+    modes = patch.modes
+    if modes is None or modes.operate is None:
+        return None
+    reset, operate, hold = (_ticks(t, scope) for t in (modes.reset, modes.operate, modes.hold))
+    return Operation(reset, operate, hold, modes.operations)
+
+
+def _timing(patch: Patch, scope: Mapping[str, float], time_scale: float) -> Timing:
     program, run = patch.program, patch.run
     period = _ticks(program.period, scope) if program else 0
-    compute = _ticks(program.compute_time, scope) if program and program.compute_time else period
+    compute = period
+    if program and program.compute_time:
+        compute = _ticks(program.compute_time, scope, time_scale)
     every = _ticks(run.every, scope) if run.every else period
     timing = Timing(period, compute, every, _ticks(run.until, scope))
     _check_timing(patch, timing)

@@ -52,6 +52,8 @@ class Mode:
 
 def exact_modes(machine: Machine) -> Complex:
     """Every mode s of the patch as the machine plays it, in rad/s (complex); forgotten ones left out."""
+    if machine.operating:  # of a patch with modes: it in OP
+        machine = replace(machine, analog=machine.operating, elements=(), operating=None)
     analog = machine.analog
     if machine.elements:
         raise not_linear(machine)
@@ -101,7 +103,8 @@ def _short(machine: Machine) -> Machine:
     timing = machine.timing
     # The record does not belong to the loop: let it follow the cycle.
     until = 5 * timing.period + 2 * machine.latency_ticks
-    return replace(machine, steps=(), timing=replace(timing, every=timing.period, until=until))
+    timing = replace(timing, every=timing.period, until=until)
+    return replace(machine, steps=(), operation=None, timing=timing)
 
 
 class _Tracker:

@@ -3,7 +3,8 @@
 Stage 1. An element, in the order things happen to its signal:
 
 1. sums u = gains * signals + constant, and w likewise where it has a second input;
-2. its function: of u alone, of u and w, or the integral of u + feedback * x;
+2. its function: of u alone, of u and w, or the integral of u + feedback * x; in IC an integrator's
+   state is w, in HOLD its u is the constant alone (or it stays as it is: figures of a wanted lag);
 3. gain * v + offset, gain = 1 + its error;
 4. saturation at +-level (an integrator stops there instead: its state does not wind up);
 5. lag: lag_s * y' = v - y.
@@ -19,9 +20,14 @@ import math
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 
+from hybrid.modes import LOGIC
+
 # What an element computes.
 INPUT, SINE, SUM, PIECES, SWITCH, TRACK = 0, 1, 2, 3, 4, 5
 PRODUCT, QUOTIENT, SQRT, SIN, COS, POWER, INTEGRATE = 6, 7, 8, 9, 10, 11, 12
+MODE = 13
+# What a MODE element gives: the number of the machine's mode, or 1 in one of them and else 0.
+NUMBER = -1
 
 
 @dataclass(frozen=True, slots=True)
@@ -40,6 +46,10 @@ class Element:
     initial: float = 0.0
     initial_output: float = math.nan
     initial_piece: int = 0
+    # What sets the mode of an integrator or of the machine: `control`, whose value is the number of a
+    # mode, and then two that act while they are high.
+    reset: str | None = None
+    hold: str | None = None
     gain: float = 1.0
     offset: float = 0.0
     saturation: float = math.inf
@@ -47,12 +57,14 @@ class Element:
 
     def reads(self) -> Iterable[str]:
         """Names of the signals it needs at the same instant."""
-        controlled = [self.control] if self.control is not None else []
-        return [*self.first, *self.second, *controlled]
+        controls = [c for c in (self.control, self.reset, self.hold) if c is not None]
+        return [*self.first, *self.second, *controls]
 
     def remembers(self) -> bool:
-        """Whether its output is continuous whatever its inputs do, so that a loop may be cut there."""
-        return self.kind == INTEGRATE or self.lag_s > 0.0
+        """Whether a loop may be cut there: its output is continuous whatever its inputs do, unless the
+        mode makes an integrator or a store follow them; then others in the loop do not."""
+        stores = self.kind == TRACK and self.control in LOGIC
+        return self.kind == INTEGRATE or self.lag_s > 0.0 or stores
 
 
 def amplified(element: Element, gain: float) -> Element:

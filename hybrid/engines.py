@@ -13,6 +13,7 @@ from hybrid.coupling import not_linear
 from hybrid.engine.linear import Player
 from hybrid.errors import PatchError, RunError, did_you_mean, shown
 from hybrid.machine import Machine
+from hybrid.modes import CONTINUE
 
 ENGINES = ("auto", "exact", "nonlinear", "reference")
 
@@ -39,6 +40,7 @@ def engine_of(machine: Machine, engine: str) -> str:
     if engine == "auto":
         return "nonlinear" if machine.elements else "exact"
     if engine == "exact" and machine.elements:
+        _refuse_modes(machine, engine)
         if is_linear(machine.patch) and not _saturates(machine):
             raise RunError(
                 "this machine was compiled for other engines than the exact one; give the patch"
@@ -50,7 +52,24 @@ def engine_of(machine: Machine, engine: str) -> str:
         raise RunError(
             f"this machine was compiled for the exact engine; give the patch to play it on {engine!r}"
         )
+    if engine == "reference":
+        _refuse_modes(machine, engine)
+        if machine.on_overload != CONTINUE:
+            raise PatchError(
+                "the reference engine knows no on_overload but continue; take nonlinear",
+                machine.patch.run.until.place,
+            )
     return engine
+
+
+def _refuse_modes(machine: Machine, engine: str) -> None:
+    """Only the nonlinear engine knows more than OP."""
+    patch = machine.patch
+    switched = [c for c in patch.components if c.is_switched]
+    places = [c.place for c in switched] or [patch.run.until.place]
+    if patch.leaves_op or switched:
+        place = patch.modes.place if patch.modes else places[0]
+        raise PatchError(f"the {engine} engine plays no modes; take nonlinear", place)
 
 
 def _saturates(machine: Machine) -> bool:

@@ -106,7 +106,8 @@ def rate_test(
         if component.kind != "integrate":
             continue
         stage = machine.stages[component.name]
-        first = trial.rates_mu[component.name] if trial else None
+        # A machine that begins in IC moves later.
+        first = trial.rates_mu[component.name] if trial and not machine.operation else None
         rows.append(
             RateRow(component.name, rates_mu[component.name], first, stage.gain - 1.0, stage.offset)
         )

@@ -13,6 +13,7 @@ from hybrid.dimensions import dimension_of
 from hybrid.errors import PatchError, Place, did_you_mean, quoted
 from hybrid.expressions import RESERVED_NAMES, ExpressionError, Number, names
 from hybrid.language import Bound, Holds, Key, Unit
+from hybrid.modes import RESERVED_SIGNALS
 from hybrid.parsing import parse
 from hybrid.patch import Value
 from hybrid.units import (
@@ -38,6 +39,7 @@ RANGES: Mapping[str, tuple[int, int]] = {
     "max_rows": (2, 100_000_000),
     "order": (1, 10),
     "quarter_square": (1, 200),
+    "operations": (1, 100_000),
 }
 LONGEST_LINE = 200  # of a title
 # The record's coordinate, which no signal may hide.
@@ -61,6 +63,12 @@ def check_name(name: str, place: Place, what: str) -> None:
         raise PatchError(
             f"{name!r} cannot name {article} {what}; it is a function, a constant or a reserved word, "
             f"so take another, such as {name}_1",
+            place,
+        )
+    if name in RESERVED_SIGNALS and what not in ("parameter", "readout"):
+        raise PatchError(
+            f"{name!r} cannot name {article} {what}; it tells the mode of the machine, so take another, "
+            f"such as {name}_1",
             place,
         )
     if name == TIME_AXIS and what != "parameter":
@@ -297,7 +305,8 @@ class Fields:
 
         `own` is the scale of the signal, for keys in its unit.
         """
-        given = [k for k in keys if k.holds is Holds.QUANTITY and k.name in self.table.entries]
+        holds = (Holds.QUANTITY, Holds.EITHER)
+        given = [k for k in keys if k.holds in holds and k.name in self.table.entries]
         return {key.name: self._quantity(key, own) for key in given}
 
     def _quantity(self, key: Key, own: FullScale | None) -> Value:

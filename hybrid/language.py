@@ -15,6 +15,7 @@ class Holds(Enum):
     """What the value of a key may be."""
 
     QUANTITY = "quantity"  # number, "1 ms" or arithmetic over parameters
+    EITHER = "quantity or signal"
     INTEGER = "integer"
     TEXT = "text"
     CHOICE = "word"
@@ -162,6 +163,27 @@ DIGITAL_KEYS = (
 
 DEFAULT_ROWS = 1_000_000
 
+MODES_KEYS = (
+    Key("reset", Holds.QUANTITY, "IC lasts so long", Unit.TIME, Bound.POSITIVE),
+    Key("operate", Holds.QUANTITY, "then OP so long", Unit.TIME, Bound.POSITIVE),
+    Key(
+        "hold",
+        Holds.QUANTITY,
+        "then HOLD so long, and IC again",
+        Unit.TIME,
+        Bound.NOT_NEGATIVE,
+        default="0 s",
+    ),
+    Key(
+        "operations",
+        Holds.INTEGER,
+        "how often; the machine stays in HOLD after the last",
+        default="to the end of the run",
+    ),
+    Key("reset_when", Holds.SIGNAL, "a comparator or a DAC: IC while it is high"),
+    Key("hold_when", Holds.SIGNAL, "a comparator or a DAC: HOLD while it is high"),
+)
+
 RUN_KEYS = (
     Key("until", Holds.QUANTITY, "end of the run", Unit.TIME, Bound.POSITIVE, required=True),
     Key(
@@ -178,22 +200,48 @@ RUN_KEYS = (
         "most rows kept; a longer run keeps every n-th row and says so",
         default=str(DEFAULT_ROWS),
     ),
+    Key(
+        "on_overload",
+        Holds.TEXT,
+        "what the first signal beyond full scale does: continue, hold (the machine is in HOLD from then "
+        "on) or stop (the run ends)",
+        default="continue",
+    ),
 )
 
 MACHINE_KEYS = (
     Key("preset", Holds.TEXT, "a machine by name", default="nominal"),
     Key("serial", Holds.INTEGER, "serial number: which machine of the make", default="1"),
+    Key(
+        "pot_resolution",
+        Holds.QUANTITY,
+        "step of the potentiometers' settings, which go from 0 to 1 (1e-4: dials of four digits)",
+        Unit.PURE,
+        Bound.NOT_NEGATIVE,
+        default="0, any setting",
+    ),
     *ERROR_KEYS,
+)
+
+TIME_SCALE = Key(
+    "time_scale",
+    Holds.QUANTITY,
+    "problem seconds in a machine second: the patch is in problem time, the machine's own times are not",
+    Unit.PURE,
+    Bound.POSITIVE,
+    default="1",
 )
 
 TOP_KEYS = (
     Key("title", Holds.TEXT, "one line", required=True),
     Key("description", Holds.TEXT, "what the patch is about, where its figures come from"),
     Key("machine", Holds.TEXT, "preset name, or a mapping of the machine's keys"),
+    TIME_SCALE,
     Key("parameters", Holds.TERMS, "name: quantity; may be set from the command line"),
     Key("analog", Holds.TERMS, "signal: component"),
     Key("interface", Holds.TERMS, "signal: adc or dac"),
     Key("digital", Holds.TERMS, "the digital machine"),
+    Key("modes", Holds.TERMS, "when the machine is in IC, OP and HOLD", default="always OP"),
     Key("run", Holds.TERMS, "length and record of the run", required=True),
     Key("record", Holds.SIGNALS, "signals kept", default="all"),
     Key("readouts", Holds.TERMS, "name: {quantity: signal}"),

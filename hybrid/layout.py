@@ -17,6 +17,7 @@ from hybrid.errors import PatchError
 from hybrid.graph import dependency_order, find_loop
 from hybrid.machine import Analog, Floats, OutputStage, StepEvent
 from hybrid.patch import Component, Patch, Value
+from hybrid.potentiometers import dialled_core
 from hybrid.scale import to_ticks
 
 # The input that is always 1; no signal can have this name.
@@ -113,6 +114,9 @@ class AnalogLayout:
         if complaint:
             raise PatchError(f"component {component.name!r} {complaint}", component.place)
         core = kind.core(given.values, given.gains)
+        core = dialled_core(
+            core, component.name, self.scale, self.stages[component.name].pot_resolution
+        )
         if core.initial is not None and "initial" in component.values:
             self._check_initial(component.name, core.initial, component.values["initial"])
         self.checked(component.name, core.feedback)
@@ -185,20 +189,28 @@ class AnalogLayout:
 
     def reject_lagless_loops(self) -> None:
         """Static parts without lag must not feed each other in a circle."""
-        direct = {
+        self.reject_loop(
+            self.direct_inputs(),
+            "algebraic loop through parts without lag",
+            "give one of them a tau above 0, or an integrator in between",
+        )
+
+    def direct_inputs(self) -> dict[str, list[str]]:
+        """What each static part without lag reads at the same instant."""
+        return {
             name: self.inputs_of(name)
             for name, core in self.cores.items()
             if not core.dynamic and self.stages[name].tau == 0
         }
+
+    def reject_loop(self, direct: Mapping[str, list[str]], what: str, remedy: str) -> None:
+        """Raise PatchError for a loop in `direct`, which points from a component to its inputs."""
         loop = find_loop(direct)
         if loop:
-            # `direct` points from a component to its inputs; signals run the other way.
+            # Signals run the other way.
             path = " -> ".join([loop[0], *reversed(loop)])
-            raise PatchError(
-                f"algebraic loop through parts without lag: {path}; "
-                "give one of them a tau above 0, or an integrator in between",
-                self.components[loop[0]].place,
-            )
+            place = next(self.components[name].place for name in loop if name in self.components)
+            raise PatchError(f"{what}: {path}; {remedy}", place)
 
     def _level(self, name: str, value: float) -> float:
         """What a source holds; a kind that is not linear makes of it what it will."""

@@ -14,6 +14,7 @@ import numpy as np
 import numpy.typing as npt
 
 from hybrid.elements import Element
+from hybrid.modes import MODE_ELEMENT, ON_OVERLOAD
 from hybrid.patch import Patch
 from hybrid.scale import to_seconds
 from hybrid.tape import Tape
@@ -43,12 +44,13 @@ class Analog:
 class OutputStage:
     """The errors of one component, drawn and ready, in machine units."""
 
-    tau: float = 0.0  # s
+    tau: float = 0.0  # s, of problem time
     gain: float = 1.0  # 1 + gain error
     offset: float = 0.0
     noise: float = 0.0  # rms
     saturation: float = math.inf  # the output stays within
     step_mu: float = 0.0  # one code of a DAC; 0: not quantised
+    pot_resolution: float = 0.0  # step of the settings of its potentiometers; 0: any setting
 
 
 @dataclass(frozen=True, slots=True)
@@ -86,6 +88,27 @@ class StepEvent:
     value: float
     at_ticks: int
     every_ticks: int = 0  # 0: once
+    times: int | None = None  # how often, of what comes again and again; None: without end
+
+
+@dataclass(frozen=True, slots=True)
+class Operation:
+    """What the machine does again and again: IC, OP, HOLD, in ticks."""
+
+    reset: int
+    operate: int
+    hold: int
+    count: int | None  # operations, after which the machine stays in HOLD; None: no end
+
+    @property
+    def length(self) -> int:
+        """From one IC to the next."""
+        return self.reset + self.operate + self.hold
+
+    def done(self, ticks: int) -> int:
+        """How many times OP has ended by then."""
+        ended = max(0, (ticks - self.reset - self.operate) // self.length + 1)
+        return ended if self.count is None else min(ended, self.count)
 
 
 @dataclass(frozen=True, slots=True)
@@ -100,7 +123,8 @@ class Timing:
 
 @dataclass(frozen=True, slots=True)
 class Pen:
-    """One recorded signal: kind 'analog', 'dac', 'adc' or 'word', index, factor to problem units."""
+    """One recorded signal: kind 'analog', 'dac', 'adc', 'word' or 'mode' (of the machine), index, factor
+    to problem units."""
 
     name: str
     kind: str
@@ -125,11 +149,24 @@ class Machine:
     tape: Tape
     timing: Timing
     elements: tuple[tuple[str, Element], ...] = ()  # where the analog side is not linear
+    operation: Operation | None = None  # where time sets the machine's mode
+    time_scale: float = 1.0  # problem seconds in a machine second
+    operating: Analog | None = None  # where elements play a linear patch for its modes: it in OP
 
     @property
     def cycle_s(self) -> float:
         """Digital cycle time in s, NaN where there is no digital machine."""
         return to_seconds(self.timing.period) if self.timing.period else float("nan")
+
+    @property
+    def on_overload(self) -> int:
+        """What the first overload does: one of those in `modes`."""
+        return ON_OVERLOAD[self.patch.run.on_overload]
+
+    @property
+    def has_modes(self) -> bool:
+        """Whether the machine may leave OP."""
+        return any(name == MODE_ELEMENT for name, _ in self.elements)
 
     @property
     def latency_ticks(self) -> int:

@@ -16,6 +16,7 @@ from hybrid.errors import NOWHERE, PatchError, Place, did_you_mean, quoted
 from hybrid.expressions import ExpressionError, Node, Number, evaluate, names
 from hybrid.graph import dependency_order, find_loop
 from hybrid.language import DEFAULT_ROWS
+from hybrid.modes import RESERVED_SIGNALS
 from hybrid.units import PURE, Dimension
 
 
@@ -74,12 +75,26 @@ class Component:
     signals: tuple[str, ...] = ()  # inputs without coefficients, in the order written
     control: str | None = None
     points: tuple[tuple[Value, Value], ...] = ()
+    initial_signal: str | None = None  # in place of a value "initial"
+    reset_when: str | None = None
+    hold_when: str | None = None
+
+    @property
+    def is_switched(self) -> bool:
+        """Whether an integrator has modes of its own, or follows a signal in IC."""
+        return bool(self.reset_when or self.hold_when or self.initial_signal)
+
+    @property
+    def controls(self) -> tuple[str, ...]:
+        """What switches it, resets it or holds it: signals, or the machine's mode."""
+        return tuple(s for s in (self.control, self.reset_when, self.hold_when) if s)
 
     @property
     def sources(self) -> tuple[str, ...]:
-        """Every signal it reads, sorted."""
-        control = (self.control,) if self.control else ()
-        return tuple(sorted({*(s for s, _ in self.terms), *self.signals, *control}))
+        """Every signal it reads, sorted; the machine's mode is none."""
+        initial = (self.initial_signal,) if self.initial_signal else ()
+        controls = set(self.controls) - RESERVED_SIGNALS
+        return tuple(sorted({*(s for s, _ in self.terms), *self.signals, *initial, *controls}))
 
 
 @dataclass(frozen=True, slots=True)
@@ -134,12 +149,26 @@ class Program:
 
 
 @dataclass(frozen=True, slots=True)
+class ModeSettings:
+    """When the machine is in which mode: by time, by logic signals, or both."""
+
+    reset: Value | None = None
+    operate: Value | None = None
+    hold: Value | None = None
+    operations: int | None = None  # None: to the end of the run
+    reset_when: str | None = None
+    hold_when: str | None = None
+    place: Place = NOWHERE
+
+
+@dataclass(frozen=True, slots=True)
 class RunSettings:
     """Length of the run and density of its record."""
 
     until: Value
     every: Value | None = None
     max_rows: int = DEFAULT_ROWS
+    on_overload: str = "continue"  # or "hold", "stop"
 
 
 @dataclass(frozen=True, slots=True)
@@ -162,6 +191,7 @@ class MachineSettings:
     serial: int = 1
     errors: Mapping[str, Value] = field(default_factory=dict)
     place: Place = NOWHERE
+    pot_resolution: Value | None = None
 
 
 @dataclass(frozen=True, eq=False)
@@ -181,6 +211,8 @@ class Patch:
     run: RunSettings
     record: tuple[str, ...]  # () = all signals
     readouts: tuple[Readout, ...]
+    modes: ModeSettings | None = None
+    time_scale: Value | None = None
 
     def bind(self, overrides: Mapping[str, float] | None = None) -> dict[str, float]:
         """Every parameter as an SI number, `overrides` (SI) replacing defaults.
@@ -224,6 +256,11 @@ class Patch:
             values.append(part.full_scale)
         values += [dac.initial for dac in self.dacs]
         return tuple(sorted(frozenset[str]().union(*(names(value.expr) for value in values))))
+
+    @property
+    def leaves_op(self) -> bool:
+        """Whether the machine may be in another mode than OP."""
+        return self.modes is not None or self.run.on_overload == "hold"
 
     @property
     def analog_parts(self) -> tuple[Component | Dac, ...]:

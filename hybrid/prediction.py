@@ -301,9 +301,11 @@ def _shortest_cycle_s(machine: Machine, period_s: float) -> float:
     patch, overrides = coupling.with_period(machine.patch, machine.overrides, period_s)
     scope, possible_s = patch.bind(overrides), [period_s]
     if patch.program and patch.program.compute_time:
-        possible_s.append(patch.program.compute_time.number(scope) / DEEPEST_SEARCHED)
+        compute_s = patch.program.compute_time.number(scope) * machine.time_scale
+        possible_s.append(compute_s / DEEPEST_SEARCHED)
     for adc in patch.adcs:
         conversion_s = adc.conversion_time.number(scope) if adc.conversion_time else 0.0
+        conversion_s *= machine.time_scale
         if conversion_s >= period_s:  # an ADC must be done before its next sample
             possible_s.append(1.01 * conversion_s)
     return max(possible_s)

@@ -16,6 +16,7 @@ from typing import Any
 import numpy as np
 
 from hybrid.machine import Floats, Machine, Pen
+from hybrid.modes import MODE_NAMES, MODE_VARIABLE
 from hybrid.patch import Patch
 from hybrid.scale import to_seconds
 from hybrid.storage import Parts
@@ -27,7 +28,10 @@ def pens_for(machine: Machine, readouts_only: bool = False) -> tuple[Pen, ...]:
     patch = machine.patch
     read = sorted({readout.signal for readout in patch.readouts})
     shown = () if readouts_only else patch.record or patch.signals
-    return tuple(_pen(machine, name) for name in dict.fromkeys((*shown, *read)))
+    pens = [_pen(machine, name) for name in dict.fromkeys((*shown, *read))]
+    if machine.has_modes and not readouts_only:
+        pens.append(Pen(MODE_VARIABLE, "mode", len(machine.analog.signals), 1.0))
+    return tuple(pens)
 
 
 def _pen(machine: Machine, name: str) -> Pen:
@@ -93,6 +97,7 @@ def machine_facts(machine: Machine) -> dict[str, Any]:
         "machine": machine.preset,
         "serial": machine.serial,
         "cycle_s": machine.cycle_s,
+        "time_scale": machine.time_scale,
         "parameters": parameter_texts(machine),
         "parameters_si": exact_parameters(machine),
     }
@@ -116,17 +121,8 @@ def record_parts(
     One variable per pen, shape (rows,), in problem units; coordinate `time` in s. `facts` are the
     run's own attributes: seed, cycles, status, status_note, rows_note, overloads, readouts.
     """
-    units, scales = signal_units(machine), full_scales(machine)
     variables = {
-        pen.name: (
-            "time",
-            np.ascontiguousarray(rows[:, i]),
-            {
-                "units": units[pen.name][0],
-                "full_scale": scales.get(pen.name, float("nan")),
-                "kind": pen.kind,
-            },
-        )
+        pen.name: ("time", np.ascontiguousarray(rows[:, i]), _about(machine, pen))
         for i, pen in enumerate(pens)
     }
     patch = machine.patch
@@ -137,6 +133,7 @@ def record_parts(
         "machine": machine.preset,
         "serial": machine.serial,
         "cycle_s": machine.cycle_s,
+        "time_scale": machine.time_scale,
         "parameters": json.dumps(parameter_texts(machine)),
         "parameters_si": json.dumps(exact_parameters(machine)),
         **span_facts(machine),
@@ -144,6 +141,19 @@ def record_parts(
         **facts,
     }
     return variables, {"time": ("time", time_s, {"units": "s"})}, attributes
+
+
+def _about(machine: Machine, pen: Pen) -> dict[str, Any]:
+    """Attributes of one variable; numbers of the mode are told as the CF conventions tell flags."""
+    if pen.kind == "mode":
+        numbers, names = np.arange(float(len(MODE_NAMES))), " ".join(MODE_NAMES)
+        return {"units": "", "kind": pen.kind, "flag_values": numbers, "flag_meanings": names}
+    full_scale = full_scales(machine).get(pen.name, float("nan"))
+    return {
+        "units": signal_units(machine)[pen.name][0],
+        "full_scale": full_scale,
+        "kind": pen.kind,
+    }
 
 
 def patch_hash(patch: Patch) -> str:

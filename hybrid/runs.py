@@ -51,6 +51,7 @@ class Run:
     time_s: Floats
     rows: Floats
     overloads: tuple[dict[str, Any], ...]
+    operations: int = 0  # of the machine, by time, that were played to their end
     readouts: dict[str, dict[str, Any]] = field(default_factory=dict)
     engine: str = "exact"  # which one played it
 
@@ -67,6 +68,7 @@ class Run:
             "seed": self.seed,
             "engine": self.engine,
             "cycles": self.cycles,
+            "operations": self.operations,
             "status": self.status,
             "status_note": self.status_note,
             "rows_note": self.rows_note,
@@ -151,6 +153,7 @@ def run(
         row_times_s(len(player.record), compiled.timing.every * keep_every),
         player.record,
         _overloads(compiled, player.overloads()),
+        compiled.operation.done(player.done_ticks) if compiled.operation else 0,
         engine=played_by,
     )
     try:
@@ -215,6 +218,12 @@ def ending(player: Player) -> tuple[str, str]:
             f"stopped at {player.done_s:.6g} s: a signal went beyond {kernel.RUNAWAY_MU:.0e} times "
             "its full scale; the patch is unstable"
         )
+    if player.outcome == kernel.OVERLOADED:
+        first = player.overloads()[0]
+        return "stopped", (
+            f"stopped at {first.time_s:.9g} s: {first.signal} is beyond its full scale, and run: has "
+            "on_overload: stop"
+        )
     if player.outcome == kernel.CHATTERS:
         return "stopped", f"stopped at {player.done_s:.6g} s: a comparator or limiter chatters"
     if player.outcome == kernel.NOT_RESOLVED:
@@ -232,7 +241,16 @@ def ending(player: Player) -> tuple[str, str]:
             "or a root or logarithm of a negative number)"
         )
     machine = player.machine
-    return "complete", "; ".join(filter(None, (_short_note(machine), _left_out(machine))))
+    notes = (_held_note(player), _short_note(machine), _left_out(machine))
+    return "complete", "; ".join(filter(None, notes))
+
+
+def _held_note(player: Player) -> str:
+    """Since when and why the machine is in HOLD after an overload; '' where it is not."""
+    if player.held_s is None:
+        return ""
+    first = player.overloads()[0].signal
+    return f"in HOLD since {player.held_s:.9g} s: {first} went beyond its full scale"
 
 
 def _left_out(machine: Machine) -> str:

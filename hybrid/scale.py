@@ -27,6 +27,11 @@ def to_seconds(ticks: int) -> float:
     return ticks / TICKS_PER_SECOND
 
 
+def time_scale_text(time_scale: float) -> str:
+    """How fast the machine computes, in words; '' where a machine second is a problem second."""
+    return "" if time_scale == 1.0 else f"{time_scale:g} times real time"
+
+
 def row_times_s(rows: int, every_ticks: int) -> npt.NDArray[np.float64]:
     """`to_seconds(k * every_ticks)` for k = 0, 1, ..., (rows,): each the float nearest to its time."""
     shared = math.gcd(every_ticks, TICKS_PER_SECOND)

@@ -14,6 +14,7 @@ from hybrid.expressions import RESERVED_NAMES
 from hybrid.fields import NAME, RANGES, TIME_AXIS
 from hybrid.language import Bound, Holds, Key, Unit
 from hybrid.machines import PRESETS
+from hybrid.modes import ON_OVERLOAD, RESERVED_SIGNALS
 
 # The least patch that has everything; the examples of single keys fit it.
 EXAMPLE: Mapping[str, Any] = {
@@ -52,6 +53,7 @@ _INTEGER_EXAMPLES = {
     "max_rows": 100000,
     "order": 4,
     "quarter_square": 23,
+    "operations": 10,
 }
 _TEXT_EXAMPLES = {
     "title": EXAMPLE["title"],
@@ -59,6 +61,8 @@ _TEXT_EXAMPLES = {
     "unit": "mrad",
     "dac": "moment_word",
     "control": "moment",
+    "reset_when": "moment",
+    "hold_when": "moment",
 }
 _TERMS_EXAMPLES: Mapping[str, Any] = {
     "program": EXAMPLE["digital"]["program"],
@@ -76,15 +80,17 @@ def json_schema() -> dict[str, Any]:
     ]
     dac = (*language.DAC_KEYS, *language.ERROR_KEYS)
     machine = {"anyOf": [_preset(), _object(language.MACHINE_KEYS)]}
-    signal = {"not": {"enum": sorted(RESERVED_NAMES | {TIME_AXIS})}}
+    readout = {"not": {"enum": sorted(RESERVED_NAMES | {TIME_AXIS})}}
+    signal = {"not": {"enum": sorted(RESERVED_NAMES | {TIME_AXIS} | RESERVED_SIGNALS)}}
     contents = {
         "machine": machine,
         "parameters": _map(_quantity(), {"not": {"enum": sorted(RESERVED_NAMES)}}),
         "analog": _map({"oneOf": [_component(kind) for kind in CATALOG.values()]}, signal),
         "interface": _map({"oneOf": [_object(language.ADC_KEYS), _object(dac)]}, signal),
         "digital": _object(language.DIGITAL_KEYS),
+        "modes": _modes(),
         "run": _object(language.RUN_KEYS),
-        "readouts": _map({"oneOf": [_object(keys) for keys in readouts]}, signal),
+        "readouts": _map({"oneOf": [_object(keys) for keys in readouts]}, readout),
     }
     for name, content in contents.items():
         properties[name] = {**content, "description": properties[name]["description"]}
@@ -110,6 +116,20 @@ def _component(kind: Kind) -> dict[str, Any]:
         names = ["theta", "theta_dot"][: kind.inputs]
         made["properties"][kind.main.name].update({**count, "examples": [names]})
     return {"title": kind.key, "description": kind.doc, **made}
+
+
+def _modes() -> dict[str, Any]:
+    """Times of the modes need each other; a signal may do instead."""
+    return {
+        **_object(language.MODES_KEYS),
+        "minProperties": 1,
+        "dependentRequired": {
+            "operate": ["reset"],
+            "reset": ["operate"],
+            "hold": ["operate"],
+            "operations": ["operate"],
+        },
+    }
 
 
 def _object(keys: Iterable[Key]) -> dict[str, Any]:
@@ -141,7 +161,9 @@ def _preset() -> dict[str, Any]:
 def _holds(key: Key) -> dict[str, Any]:
     if key.name == "preset":
         return _preset()
-    if key.holds is Holds.QUANTITY:
+    if key.name == "on_overload":
+        return {"enum": list(ON_OVERLOAD), "examples": ["stop"]}
+    if key.holds in (Holds.QUANTITY, Holds.EITHER):
         return {**_quantity(), "examples": _QUANTITY_EXAMPLES[key.unit]}
     if key.holds is Holds.INTEGER:
         least, most = RANGES[key.name]
@@ -179,6 +201,7 @@ def reference() -> str:
         ("interface, adc", language.ADC_KEYS),
         ("interface, dac", (*language.DAC_KEYS, *language.ERROR_KEYS)),
         ("digital", language.DIGITAL_KEYS),
+        ("modes", language.MODES_KEYS),
         ("run", language.RUN_KEYS),
         ("every analog component", (language.FULL_SCALE, language.UNIT, *language.ERROR_KEYS)),
     ]
@@ -206,7 +229,8 @@ def _words(key: Key) -> str:
 
 
 def _unit_words(key: Key) -> str:
-    return key.unit.value if key.holds is Holds.QUANTITY and key.unit is not Unit.ANY else ""
+    has_unit = key.holds in (Holds.QUANTITY, Holds.EITHER) and key.unit is not Unit.ANY
+    return key.unit.value if has_unit else ""
 
 
 def _meaning(key: Key) -> str:

@@ -13,9 +13,11 @@ from rich.table import Table
 from hybrid.batches import Batch
 from hybrid.beside import mode_beside
 from hybrid.errors import counted
+from hybrid.machine import Machine
 from hybrid.points import Point
 from hybrid.prediction import Prediction
 from hybrid.runs import Run, readout_text
+from hybrid.scale import time_scale_text, to_seconds
 from hybrid.sweeps import Sweep
 
 TRANSIENT = ("omega", "omega_damped", "zeta")
@@ -75,9 +77,12 @@ def show_run(
     cycles = ""
     if machine.timing.period:
         cycles = f"{counted(run.cycles, 'cycle')} of {machine.cycle_s:g} s, "
+    if machine.operation:
+        operate_s = to_seconds(machine.operation.operate)
+        cycles += f"{counted(run.operations, 'operation')} of {operate_s:g} s, "
     console.print(f"[bold]{escape(machine.patch.title)}[/]  ({escape(machine.patch.file)})")
     console.print(
-        f"machine {machine.preset}, seed {run.seed}, {run.engine} engine; "
+        f"machine {speed_text(machine)}, seed {run.seed}, {run.engine} engine; "
         f"{cycles}{counted(len(run.time_s), 'row')}"
         + (f" ({run.rows_note})" if run.rows_note else "")
     )
@@ -98,6 +103,11 @@ def show_run(
     console.print()
     for file in files:
         console.print(f"wrote {escape(file)}", soft_wrap=True)
+
+
+def speed_text(machine: Machine) -> str:
+    """The machine's name, and its time scale where it has one."""
+    return ", ".join(filter(None, (machine.preset, time_scale_text(machine.time_scale))))
 
 
 def _show_readout(
@@ -164,7 +174,9 @@ def _show_overloads(console: Console, overloads: Sequence[Mapping[str, Any]]) ->
 def show_prediction(console: Console, prediction: Prediction) -> None:
     """Modes, each with its closed form and its ideal."""
     machine = prediction.machine
-    console.print(f"[bold]{escape(machine.patch.title)}[/] on machine {machine.preset}: prediction")
+    console.print(
+        f"[bold]{escape(machine.patch.title)}[/] on machine {speed_text(machine)}: prediction"
+    )
     for mode in prediction.to_dicts():
         closed = mode["closed_form"]
         columns = ["mode", "exact"] + ([f"Eq. {closed['equation']}"] if closed else []) + ["ideal"]

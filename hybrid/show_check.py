@@ -6,13 +6,13 @@ from rich.console import Console
 from rich.markup import escape
 
 from hybrid.checks import Check
-from hybrid.show import figure, show_table
+from hybrid.show import figure, show_table, speed_text
 
 
 def show_check(console: Console, check: Check) -> None:
     """Scaling and static check, potentiometers, loops, prediction."""
     machine = check.machine
-    console.print(f"[bold]{escape(machine.patch.title)}[/] on machine {machine.preset}: valid")
+    console.print(f"[bold]{escape(machine.patch.title)}[/] on machine {speed_text(machine)}: valid")
     console.print(check.events)
     for warning in check.warnings:
         console.print(f"warning: {warning}", style="yellow", markup=False)

@@ -9,7 +9,7 @@ nowhere else. With x- the analog state just before an instant and x+ just after:
     START    programs whose conversions are complete read their words and compute
     END      programs whose compute time ends: their results become readable
     LATCH    DACs take those results: from here on it is x+
-    SOURCE   sources step
+    SOURCE   sources step, and so does the mode of a machine that time sets
     RECORD   a row of the record is taken; it shows x+
     REST     nothing; the analog side runs on to the end of the stretch
 
@@ -32,6 +32,7 @@ import simpy
 
 from hybrid.errors import PatchError
 from hybrid.machine import Machine, StepEvent
+from hybrid.modes import TIMED_MODE
 from hybrid.scale import to_seconds
 
 # Periods without a usable common multiple are laid out event by event, up to this many events.
@@ -94,7 +95,7 @@ def build_timeline(machine: Machine) -> Timeline:
     timing = machine.timing
     stretch = math.lcm(*(t for t in (timing.period, timing.every) if t))
     warm_up = -(-(machine.latency_ticks + 1) // stretch)
-    waves = {s.every_ticks for s in machine.steps if s.every_ticks}
+    waves = {period for _, period, _ in edges_of(machine.steps).waves}
     together = math.lcm(stretch, *waves)
     laid_out = _clock_events(machine, (warm_up + 1) * together)
     if timing.until >= (warm_up + 2) * together and (
@@ -138,14 +139,27 @@ class Edges:
 
 
 def edges_of(steps: Sequence[StepEvent]) -> Edges:
-    """The edges of all sources, waves as such."""
-    once = sorted((s.at_ticks, i) for i, s in enumerate(steps) if not s.every_ticks)
-    waves = [(s.at_ticks, s.every_ticks, i) for i, s in enumerate(steps) if s.every_ticks]
-    return Edges(tuple(once), tuple(waves))
+    """The edges of all sources, endless waves as such."""
+    once, waves = [], []
+    for i, step in enumerate(steps):
+        if step.every_ticks and step.times is None:
+            waves.append((step.at_ticks, step.every_ticks, i))
+        else:
+            times = range(step.times or 1)
+            once += [(step.at_ticks + k * step.every_ticks, i) for k in times]
+    return Edges(tuple(sorted(once)), tuple(waves))
 
 
 def _refuse_wave(machine: Machine, index: int, length: int) -> NoReturn:
     name, period = machine.steps[index].name, machine.steps[index].every_ticks
+    if name == TIMED_MODE:
+        assert machine.patch.modes is not None
+        raise PatchError(
+            f"the run has {length / period:.3g} operations of {to_seconds(period):.12g} s, which have "
+            "no short common multiple with the period and the record interval (at most "
+            f"{MOST_FLAT_EVENTS}); make every: a fraction of an operation",
+            machine.patch.modes.place,
+        )
     place = next(c.place for c in machine.patch.components if c.name == name)
     raise PatchError(
         f"component {name!r} has a period of {to_seconds(period):.12g} s, {length / period:.3g} of them "

@@ -66,9 +66,9 @@ def answer(capsys: pytest.CaptureFixture[str], *arguments: str, code: int = 0) -
 
 # -- keys of the JSON answers, each as README.md documents it ---------------------------------------
 
-ABOUT = {"patch", "title", "machine", "serial", "cycle_s", "parameters"}
+ABOUT = {"patch", "title", "machine", "serial", "cycle_s", "time_scale", "parameters"}
 ABOUT |= {"parameters_si"}
-RUN = {"seed", "cycles", "status", "status_note", "readouts", "overloads", "files"}
+RUN = {"seed", "cycles", "operations", "status", "status_note", "readouts", "overloads", "files"}
 RUN |= {"until_s", "every_s", "engine", "prediction", "prediction_note"}
 MODE = {"omega", "omega_damped", "zeta", "omega_ideal", "zeta_ideal", "closed_form"}
 CLOSED = {"equation", "omega", "omega_damped", "zeta", "note"}
@@ -76,7 +76,7 @@ ERRORS = {"omega_error", "omega_damped_error", "zeta_error"}
 TRANSIENT = {"omega", "omega_damped", "zeta", "amplitude", "offset", "reason", "units", "note"}
 OVERLOAD = {"signal", "time_s", "value", "worst_value", "worst_time_s", "instants", "units"}
 OVERLOAD |= {"full_scale", "duration_s"}
-SWEEP = (ABOUT - {"cycle_s"}) | {"over", "seed", "status", "points", "files"}
+SWEEP = (ABOUT - {"cycle_s", "time_scale"}) | {"over", "seed", "status", "points", "files"}
 POINT = {"value", "readouts", "modes", "status", "note", "overloads", "seed"}
 CHECK = ABOUT | {
     "trial",

@@ -89,7 +89,7 @@ class TestWhatIsDrawn:
         due = Counter()
         for component in patch.components:
             reads = [s for s, _ in component.terms] + list(component.signals)
-            reads += [component.control] if component.control else []
+            reads += {component.initial_signal, *component.controls} & set(patch.signals)
             due.update(f"{source}>{component.name}" for source in reads)
         due.update(f"{adc.source}>{adc.name}" for adc in patch.adcs)
         due.update(f"{adc.name}>{PROGRAM}" for adc in patch.adcs)

@@ -309,7 +309,7 @@ def test_saturation_switch_and_store_against_the_reference():
     b.piecewise("sign", {"x": 1.0}, comparator_pieces(0.0, 1.0, 0.1, 0.2), lag_s=1e-6)
     b.switch("chosen", {"amplified": 1.0}, {"amplified": -0.5, "u": 0.2}, "sign", lag_s=1e-6)
     b.integrate("x", {"chosen": omega, "x": -0.3 * omega}, saturation=0.7, gain=1.01, lag_s=1e-6)
-    b.track("stored", {"x": 1.0}, "sign", initial=0.05, lag_s=1e-6)
+    b.track("stored", {"x": 1.0}, "sign", initial=0.05, gain=0.7, offset=0.01, lag_s=1e-6)
     run, exact = against_reference(b, 0.012, 1e-9, held=0.1)
     times, rows = run.events()
     assert len(times) == len(exact.events) > 8

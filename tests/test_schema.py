@@ -30,6 +30,7 @@ EVERY_KEY = {
         language.ADC_KEYS,
         language.DAC_KEYS,
         language.DIGITAL_KEYS,
+        language.MODES_KEYS,
         language.RUN_KEYS,
         language.READOUT_KEYS,
         language.ERROR_KEYS,
@@ -146,6 +147,7 @@ def _section_examples() -> Iterator[object]:
         ("interface/theta_sample", adc, adc["properties"]),
         ("interface/moment", dac, set(dac["properties"]) - {"initial", "full_scale"}),
         ("digital", properties["digital"], properties["digital"]["properties"]),
+        ("modes", properties["modes"], properties["modes"]["properties"]),
         ("run", properties["run"], properties["run"]["properties"]),
         *(("readouts/pitch_mode", readout, readout["properties"]) for readout in readouts),
     ]
@@ -163,6 +165,8 @@ def test_examples_of_sections(path: str, key: str, example: Any) -> None:
         table = table.setdefault(step, {})
     if path.startswith("readouts") and key not in ("from", "until"):
         table.clear()
+    if path == "modes" and key not in ("reset_when", "hold_when"):
+        table |= {"reset": "1 ms", "operate": "9 ms"}
     if path == "interface/moment" and key == "unit":
         example = "mrad/s^2"  # the example is meant for a component in rad
     table[key] = example

@@ -30,6 +30,7 @@ from hybrid.charts.symbols import (
 from hybrid.components import CATALOG
 from hybrid.errors import RunError
 from hybrid.expressions import to_text
+from hybrid.modes import LOGIC
 from hybrid.patch import Adc, Component, Dac, Patch, Value
 from hybrid.storage import write_whole
 
@@ -146,8 +147,9 @@ class Sheet:
         name, kind = component.name, component.kind
         inputs: list[tuple[str, Value | None]] = [*component.terms]
         inputs += [(signal, None) for signal in component.signals]
-        if component.control:
-            inputs.append((component.control, None))
+        # What sets a mode comes in as a control does; the machine's own mode needs no cord.
+        others = (component.initial_signal, *component.controls)
+        inputs += [(signal, None) for signal in others if signal in self.shown]
         cords = [Cord(s, s, name, place) for place, (s, _) in enumerate(inputs)]
         pills: dict[Cord, Pill] = {}
         text = CATALOG[kind].key
@@ -167,7 +169,7 @@ class Sheet:
             cords,
             pills,
             below=(self._scale(component), *self._details(component)),
-            above=self._own(component, "initial") if kind == "integrate" else "",
+            above=self._initial(component) if kind == "integrate" else "",
             text=text,
             curve=tuple(sorted(curve)),
             any_order=symmetric,
@@ -301,6 +303,10 @@ class Sheet:
         value = component.values[key].number(self.scope) / component.factor
         return f"{number(value, 4)} {unit_text(component.unit)}".rstrip()
 
+    def _initial(self, component: Component) -> str:
+        """What an integrator begins with: a figure, or the signal that it follows in IC."""
+        return component.initial_signal or self._own(component, "initial")
+
     def _details(self, component: Component) -> list[str]:
         """What else the symbol stands for, a line each."""
         values, kind = component.values, component.kind
@@ -353,6 +359,7 @@ class Sheet:
                 told.append(f"stops at {low} … {high}")
             if "leak" in values and si("leak"):
                 told.append(f"leak {number(si('leak'), 4)} 1/s")
+        told += [name for name in component.controls if name in LOGIC and name not in self.shown]
         if "hysteresis" in values and si("hysteresis"):
             told.append("with hysteresis")
         if "gain" in values:

@@ -19,8 +19,11 @@ from matplotlib.ticker import MaxNLocator
 
 from hybrid.beside import mode_beside
 from hybrid.charts import style
+from hybrid.charts.shading import LEGEND, Span, mode_spans, shade_modes
 from hybrid.charts.style import LINE_IN, MARGIN_IN, TableRow, number, save, write
 from hybrid.errors import RunError, did_you_mean
+from hybrid.modes import MODE_VARIABLE
+from hybrid.scale import time_scale_text
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -86,6 +89,7 @@ def strip_chart(
 
     Analog signals are lines, converters and words are steps that hold their value. A lane shows
     plus and minus full scale, or less where the signal stays within a quarter of it, and says so.
+    Where the record has the machine's mode, IC and HOLD are shaded.
     Raises ValueError for a record without `time`, RunError for a signal that is not in it.
     """
     if "time" not in record.coords:
@@ -94,11 +98,13 @@ def strip_chart(
     time_s = np.asarray(record["time"].values, dtype=np.float64)
     overloads = _overloads(record)
     lanes = [_lane(record, name, overloads.get(name, ())) for name in names[:MAX_LANES]]
-    head = _heading(record, len(names))
+    spans = _mode_spans(record, time_s)
+    head = _heading(record, len(names), LEGEND if spans else "")
     rows = _table_rows(readouts or {}, prediction or ())
     foot = _footnotes(lanes, overloads, float(np.abs(time_s).max(initial=0.0)))
     with style.chart_style():
-        return _draw(time_s, lanes, head, rows, foot, record.attrs.get("status") in BROKEN_OFF)
+        broken_off = record.attrs.get("status") in BROKEN_OFF
+        return _draw(time_s, lanes, spans, head, rows, foot, broken_off)
 
 
 def lane_limits(values: Floats, full_scale: float) -> tuple[float, float]:
@@ -127,11 +133,19 @@ def lane_limits(values: Floats, full_scale: float) -> tuple[float, float]:
 def _chosen_signals(record: Recorded, signals: Sequence[str] | None) -> list[str]:
     available = [str(name) for name in record.data_vars]
     if signals is None:
-        return available
+        return [name for name in available if record[name].attrs.get("kind") != "mode"]
     for name in signals:
         if name not in available:
             raise RunError(f"no signal {name!r} in the record; {did_you_mean(name, available)}")
     return list(signals)
+
+
+def _mode_spans(record: Recorded, time_s: Floats) -> list[Span]:
+    """Where the machine was in IC and HOLD."""
+    known = MODE_VARIABLE in record.data_vars and len(time_s) > 1
+    if not known or record[MODE_VARIABLE].attrs.get("kind") != "mode":
+        return []
+    return mode_spans(time_s, np.asarray(record[MODE_VARIABLE].values))
 
 
 def _overloads(record: Recorded) -> dict[str, list[tuple[float, int]]]:
@@ -154,7 +168,7 @@ def _lane(record: Recorded, name: str, overloads: Sequence[tuple[float, int]]) -
     )
 
 
-def _heading(record: Recorded, signal_count: int) -> list[tuple[str, str]]:
+def _heading(record: Recorded, signal_count: int, legend: str = "") -> list[tuple[str, str]]:
     """Return the lines above the lanes, each with its colour; the first is the title."""
     about = record.attrs
     time_s = record["time"].values
@@ -162,10 +176,13 @@ def _heading(record: Recorded, signal_count: int) -> list[tuple[str, str]]:
     cycle_s = float(about.get("cycle_s", math.nan))
     facts = [
         *style.provenance(about),
+        time_scale_text(float(about.get("time_scale", 1.0))),
         f"T = {style.duration(cycle_s)}" if math.isfinite(cycle_s) else "",
         f"{int(about['cycles']):,} cycles" if about.get("cycles") else "",
+        f"{int(about['operations']):,} operations" if about.get("operations") else "",
         f"{style.duration(span)} recorded",
         str(about.get("rows_note", "")),
+        legend,
     ]
     lines = [(str(about.get("title") or about.get("patch") or "Record"), style.INK)]
     lines.append(("  ·  ".join(fact for fact in facts if fact), style.MUTED))
@@ -274,6 +291,7 @@ def _cells(figures: Mapping[str, Any]) -> dict[str, tuple[float, float]]:
 def _draw(
     time_s: Floats,
     lanes: Sequence[Lane],
+    spans: list[Span],
     head: Sequence[tuple[str, str]],
     rows: Sequence[TableRow],
     foot: Sequence[str],
@@ -292,6 +310,7 @@ def _draw(
         box_in = (LEFT_IN, top_in, WIDTH_IN - LEFT_IN - RIGHT_IN, lane_in)
         axes = style.axes_at(figure, box_in, lane.name)
         _draw_paper(axes, lane, limits)
+        shade_modes(axes, spans)
         _label_lane(figure, lane, top_in + lane_in / 2)
         _draw_pen(axes, lane, time_s)
         _draw_overloads(axes, lane, limits)

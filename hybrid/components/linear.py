@@ -49,7 +49,15 @@ class Integrate(Kind):
     doc = "time integral of the sum of inputs"
     main = Key("integrate", Holds.TERMS, "signal: coefficient", required=True)
     keys = (
-        Key("initial", Holds.QUANTITY, "initial value", Unit.OWN, required=True),
+        Key(
+            "initial",
+            Holds.EITHER,
+            "initial value, or the signal that the integrator follows in IC",
+            Unit.OWN,
+            required=True,
+        ),
+        Key("reset_when", Holds.SIGNAL, "a comparator or a DAC: it is in IC while this is high"),
+        Key("hold_when", Holds.SIGNAL, "a comparator or a DAC: it is in HOLD while this is high"),
         Key(
             "leak",
             Holds.QUANTITY,
@@ -65,9 +73,9 @@ class Integrate(Kind):
     piecewise_keys = frozenset({"low", "high"})
 
     def core(self, values: Mapping[str, float], gains: Mapping[str, float]) -> Core:
-        """w' = sum(coefficient * input) - leak * w, w(0) = initial."""
+        """w' = sum(coefficient * input) - leak * w, w(0) = initial (0 where a signal gives it)."""
         leak = values.get("leak", 0.0)
-        return Core(gains, dynamic=True, feedback=-leak, initial=values["initial"])
+        return Core(gains, dynamic=True, feedback=-leak, initial=values.get("initial", 0.0))
 
     def limits(self, values: Mapping[str, float]) -> tuple[float, float] | None:
         """Where a feedback-limited integrator stops; None where it does not."""
@@ -80,8 +88,9 @@ class Integrate(Kind):
         low, high = self.limits(given.values) or (-math.inf, math.inf)
         if not low < high:
             return f"has low {low:g} not below high {high:g}"
-        if not low <= given.values["initial"] <= high:
-            return f"has initial {given.values['initial']:g} outside its limits {low:g} to {high:g}"
+        initial = given.values.get("initial")
+        if initial is not None and not low <= initial <= high:
+            return f"has initial {initial:g} outside its limits {low:g} to {high:g}"
         return ""
 
 

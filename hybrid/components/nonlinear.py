@@ -19,7 +19,8 @@ GAIN = Key("gain", Holds.QUANTITY, "factor of the result", Unit.ANY, default="1"
 CONTROL = Key(
     "control",
     Holds.SIGNAL,
-    "a comparator, or a DAC or step, pulse or square source (high above half scale)",
+    "a comparator, a DAC or a step, pulse or square source (high above half scale), or operating, "
+    "resetting, holding: the machine's mode",
     required=True,
 )
 LOW = Key("low", Holds.QUANTITY, "lower limit", Unit.OWN, required=True)

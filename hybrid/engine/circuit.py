@@ -23,6 +23,8 @@ from scipy.sparse.csgraph import connected_components
 from hybrid.elements import (
     INPUT,
     INTEGRATE,
+    MODE,
+    NUMBER,
     PIECES,
     PRODUCT,
     QUOTIENT,
@@ -36,15 +38,16 @@ from hybrid.elements import (
 from hybrid.engine.kernel import Floats, Ints
 
 # Columns of Circuit.rows: kind; terms FIRST to SECOND make u, SECOND to END make w; the element that
-# controls a switch or store (of INPUT: its place in State.held); rows in laws of the integrator and of
-# the lag; corners of the function and of the saturation; 1 where an element computed earlier reads
-# this one. -1: none.
-KIND, FIRST, SECOND, END, CONTROL, LAW, LAG, CORNER, STOP, TEAR = range(10)
+# controls a switch or store, or whose value is a mode (of INPUT: its place in State.held); rows in laws
+# of the integrator and of the lag; corners of the function and of the saturation; 1 where an element
+# computed earlier reads this one; elements that reset and hold while they are high. -1: none.
+KIND, FIRST, SECOND, END, CONTROL, LAW, LAG, CORNER, STOP, TEAR, RESET, HOLD_BY = range(12)
 # Columns of Circuit.figures; the last three depend on the kind.
 CONSTANT, SECOND_CONSTANT, GAIN, OFFSET = 0, 1, 2, 3
 AMPLITUDE, OMEGA, PHASE = 4, 5, 6  # of SINE
 EXPONENT = 4  # of POWER
-FEEDBACK = 4  # of INTEGRATE
+FEEDBACK, KEEPS = 4, 5  # of INTEGRATE; KEEPS: its feedback is an input, off in HOLD
+WHICH = 4  # of MODE
 # Columns of Circuit.corners: element, what is guarded, range of rows in pieces.
 OWNER, ROLE, FIRST_PIECE, END_PIECE = 0, 1, 2, 3
 
@@ -63,7 +66,7 @@ class Circuit(NamedTuple):
     [cores, n) drive nothing that is in a loop.
     """
 
-    rows: Ints  # (n, 10): see the columns above
+    rows: Ints  # (n, 12): see the columns above
     figures: Floats  # (n, 7): see the columns above
     signal: npt.NDArray[np.uint64]  # (terms,); unsigned: a sign would be looked at each time
     gain: Floats  # (terms,)
@@ -119,12 +122,25 @@ class Builder:
         constant: float = 0.0,
         feedback: float = 0.0,
         limits: tuple[float, float] | None = None,
+        initial_of: Mapping[str, float] | None = None,
+        keeps: bool = False,
         **errors: Any,
     ) -> None:
-        """x' = gains * signals + constant + feedback * x, gains in 1/s; stopped at its limits."""
-        figures = (feedback,)
+        """x' = gains * signals + constant + feedback * x, gains in 1/s; stopped at its limits.
+
+        At the start and in IC: x = `initial` plus the sum `initial_of`; keeps: HOLD turns off the
+        feedback, too. `errors` may also name what sets its mode: control, reset, hold.
+        """
         element = Element(
-            INTEGRATE, of, constant, figures=figures, limits=limits, initial=initial, **errors
+            INTEGRATE,
+            of,
+            constant,
+            initial_of or {},
+            initial,
+            figures=(feedback, float(keeps)),
+            limits=limits,
+            initial=initial,
+            **errors,
         )
         self.add(name, element)
 
@@ -185,6 +201,21 @@ class Builder:
     ) -> None:
         """Follows the sum while `control` is high, else holds what it was."""
         self.add(name, Element(TRACK, of, control=control, initial=initial, **errors))
+
+    def mode(
+        self,
+        name: str,
+        which: int = NUMBER,
+        control: str | None = None,
+        reset: str | None = None,
+        hold: str | None = None,
+    ) -> None:
+        """The machine's mode as `control` (its number), `reset` and `hold` make it.
+
+        which: NUMBER, or the mode in which the output is 1, else 0.
+        """
+        made = Element(MODE, control=control, reset=reset, hold=hold, figures=(float(which),))
+        self.add(name, made)
 
     def build(self) -> tuple[Circuit, dict[str, int]]:
         """The circuit, and the number of each signal."""
@@ -266,9 +297,11 @@ def lay_out(
     row = [elements[name] for name in order]
     laws: dict[tuple[float, float], int] = {}
     corners: list[tuple[int, int, Sequence[tuple[float, ...]], int]] = []
-    rows, figures = np.full((len(row), 10), -1), np.zeros((len(row), 7))
+    rows, figures = np.full((len(row), 12), -1), np.zeros((len(row), 7))
     for i, (name, e) in enumerate(zip(order, row, strict=True)):
         rows[i, KIND], rows[i, CONTROL] = e.kind, _control(name, e, inputs, place)
+        rows[i, RESET] = -1 if e.reset is None else place[e.reset]
+        rows[i, HOLD_BY] = -1 if e.hold is None else place[e.hold]
         figures[i, :4] = e.constant, e.second_constant, e.gain, e.offset
         figures[i, 4 : 4 + len(e.figures)] = e.figures
         if e.kind == INTEGRATE:

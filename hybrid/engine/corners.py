@@ -11,7 +11,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from hybrid.elements import INPUT, INTEGRATE, PIECES, SINE, SUM, SWITCH, TRACK
+from hybrid.elements import INPUT, INTEGRATE, MODE, NUMBER, PIECES, SINE, SUM, SWITCH, TRACK
 from hybrid.engine.circuit import (
     AMPLITUDE,
     C0,
@@ -26,6 +26,7 @@ from hybrid.engine.circuit import (
     FIRST_PIECE,
     GAIN,
     HIGH,
+    HOLD_BY,
     KIND,
     LAG,
     LOW,
@@ -34,15 +35,30 @@ from hybrid.engine.circuit import (
     OMEGA,
     OWNER,
     PHASE,
+    RESET,
     ROLE,
     SECOND,
     SECOND_CONSTANT,
     STOP,
+    TEAR,
+    WHICH,
     Circuit,
 )
 from hybrid.engine.kernel import Floats, Ints, compiled
 from hybrid.engine.nodes import Nodes
-from hybrid.engine.sweep import BEFORE, DRIVE, EVENTS, State, X, function_of, is_high, piece_of
+from hybrid.engine.sweep import (
+    AS,
+    BEFORE,
+    DRIVE,
+    EVENTS,
+    FROZEN,
+    State,
+    X,
+    function_of,
+    is_high,
+    piece_of,
+)
+from hybrid.modes import HOLD, IC, OP
 
 # A quantity counts as outside a piece once it is this far out, in machine units: more than rounding
 # leaves at an instant that was located, less than anybody measures. The first is for the instant after
@@ -129,6 +145,52 @@ def _stop_integrator(circuit: Circuit, state: State, e: int, t_s: float, log: Lo
 
 
 @compiled
+def _mode_of(circuit: Circuit, state: State, e: int) -> int:
+    """The mode of an integrator or of the machine: what gives its number, what resets, what holds."""
+    rows, mode = circuit.rows, OP
+    if state.counts[FROZEN] > 0:
+        return HOLD
+    if rows[e, CONTROL] >= 0:
+        mode = int(state.memory[rows[e, CONTROL], BEFORE])
+    by = rows[e, RESET]
+    if mode == IC or (by >= 0 and is_high(rows, state.piece, state.memory, by)):
+        return IC
+    by = rows[e, HOLD_BY]
+    if by >= 0 and is_high(rows, state.piece, state.memory, by):
+        return HOLD
+    return mode
+
+
+@compiled
+def _set_integrator(
+    circuit: Circuit, state: State, e: int, u: float, t_s: float, log: Log, first: bool
+) -> bool:
+    """Take its mode, and in IC or at first its initial value; whether that moved it."""
+    rows, before = circuit.rows, state.memory[e, X]
+    mode, corner = _mode_of(circuit, state, e), rows[e, CORNER]
+    state.memory[e, AS] = mode
+    state.memory[e, DRIVE] = circuit.figures[e, CONSTANT] if mode == HOLD else u
+    if mode == IC or (first and rows[e, END] > rows[e, SECOND]):
+        w = _sum_at_start(
+            circuit, state, circuit.figures[e, SECOND_CONSTANT], rows[e, SECOND], rows[e, END]
+        )
+        state.memory[e, X] = w
+        if corner >= 0:
+            piece = circuit.corners[corner, FIRST_PIECE] + 1
+            low, high = circuit.pieces[piece, LOW], circuit.pieces[piece, HIGH]
+            slack = SLACK_AT_REST * max(1.0, abs(w))
+            wanted = 2 if w > high + slack else 0 if w < low - slack else 1
+            while state.piece[corner] != wanted:
+                by = 1 if wanted > state.piece[corner] else -1
+                change_piece(circuit, state, corner, by, t_s, log)
+            state.memory[e, X] = min(max(w, low), high)
+            state.guard_start[corner] = w if wanted == 1 else w - state.memory[e, X]
+    if mode != IC and corner >= 0:
+        _stop_integrator(circuit, state, e, t_s, log)
+    return bool(state.memory[e, X] != before)
+
+
+@compiled
 def _output(circuit: Circuit, state: State, e: int, v: float, t_s: float, log: Log) -> float:
     """Gain, offset and saturation at an instant."""
     v = circuit.figures[e, GAIN] * v + circuit.figures[e, OFFSET]
@@ -145,7 +207,8 @@ def settle(
 ) -> None:
     """Signals and pieces right after a jump, t_s into a call that began at call_s.
 
-    What remembers stays; the rest follows in order. `lags_too` lets lagged outputs follow as well.
+    What remembers stays; the rest follows in order, and once more where an integrator or a store that
+    its mode made to follow is read earlier in the order. `lags_too` lets lagged outputs follow as well.
     """
     rows = circuit.rows
     n = rows.shape[0]
@@ -153,42 +216,61 @@ def settle(
         follows = circuit.rows[e, LAG] < 0 or (lags_too and math.isnan(circuit.initial[e, 1]))
         if circuit.rows[e, KIND] == INTEGRATE and follows:
             state.start[e] = _output(circuit, state, e, state.memory[e, X], t_s, log)
-    for e in range(n):
+    for _ in range(n + 1):
+        if not _settle_in_order(circuit, state, call_s, t_s, log, lags_too):
+            break
+
+
+@compiled
+def _settle_in_order(
+    circuit: Circuit, state: State, call_s: float, t_s: float, log: Log, lags_too: bool
+) -> bool:
+    """One pass of `settle`; whether an integrator or a store moved that had been read before."""
+    rows, moved = circuit.rows, False
+    for e in range(rows.shape[0]):
         kind = circuit.rows[e, KIND]
+        follows = circuit.rows[e, LAG] < 0 or (lags_too and math.isnan(circuit.initial[e, 1]))
         u = _sum_at_start(
             circuit, state, circuit.figures[e, CONSTANT], rows[e, FIRST], rows[e, SECOND]
         )
         v = u
         if kind == INTEGRATE:
-            state.memory[e, DRIVE] = u
-            if circuit.rows[e, CORNER] >= 0:
-                _stop_integrator(circuit, state, e, t_s, log)
+            jumped = _set_integrator(circuit, state, e, u, t_s, log, lags_too)
+            moved |= jumped and follows and rows[e, TEAR] != 0
             v = state.memory[e, X]
         elif kind == PIECES:
             state.guard_start[circuit.rows[e, CORNER]] = u
             v = _right_piece(circuit, state, circuit.rows[e, CORNER], u, t_s, log)
         elif kind == INPUT:
             v = state.held[circuit.rows[e, CONTROL]]
+        elif kind == MODE:
+            which, mode = circuit.figures[e, WHICH], _mode_of(circuit, state, e)
+            v = 1.0 if mode == which else 0.0
+            if which == NUMBER:
+                v = float(mode)
         elif kind == SINE:
             figures = circuit.figures
             v = figures[e, AMPLITUDE] * math.sin(
                 figures[e, OMEGA] * (call_s + t_s) + figures[e, PHASE]
             )
-        elif kind == TRACK and not is_high(rows, state.piece, state.start, e):
-            state.start[e] = state.memory[e, BEFORE] if circuit.rows[e, LAG] < 0 else state.start[e]
+        elif kind == TRACK and not is_high(rows, state.piece, state.memory, rows[e, CONTROL]):
+            state.start[e] = state.memory[e, BEFORE] if follows else state.start[e]
             continue
         elif kind != SUM and kind != TRACK:
             w = _sum_at_start(
                 circuit, state, circuit.figures[e, SECOND_CONSTANT], rows[e, SECOND], rows[e, END]
             )
             if kind == SWITCH:
-                v = u if is_high(rows, state.piece, state.start, e) else w
+                high = is_high(rows, state.piece, state.memory, rows[e, CONTROL])
+                v = u if high else w
             else:
                 v = function_of(kind, u, w, circuit.figures[e, EXPONENT])
         v = _output(circuit, state, e, v, t_s, log)
         state.memory[e, BEFORE] = v
-        if circuit.rows[e, LAG] < 0 or (lags_too and math.isnan(circuit.initial[e, 1])):
+        if follows:
+            moved |= kind == TRACK and rows[e, TEAR] != 0 and state.start[e] != v
             state.start[e] = v
+    return moved
 
 
 @compiled
@@ -202,10 +284,10 @@ def first_exit(circuit: Circuit, state: State, grid: Nodes) -> tuple[int, float]
     for corner in range(circuit.corners.shape[0]):
         p = circuit.corners[corner, FIRST_PIECE] + state.piece[corner]
         low, high = circuit.pieces[p, LOW], circuit.pieces[p, HIGH]
-        before, after = _leaves(grid, state.guard_start[corner], state.guard[corner], low, high)
+        before, after = leaves(grid, state.guard_start[corner], state.guard[corner], low, high)
         if after < before or before >= at:
             continue
-        when = _locate(
+        when = locate(
             grid, state.guard_start[corner], state.guard[corner], low, high, before, after
         )
         if found < 0 or when < at:
@@ -220,7 +302,7 @@ def _beyond(g: float, low: float, high: float) -> float:
 
 
 @compiled
-def _leaves(
+def leaves(
     grid: Nodes, start: float, guard: Floats, low: float, high: float
 ) -> tuple[float, float]:
     """Fractions between which the guard leaves; (1, 0) if it stays."""
@@ -248,7 +330,7 @@ def _leaves(
 
 
 @compiled
-def _locate(
+def locate(
     grid: Nodes, start: float, guard: Floats, low: float, high: float, before: float, after: float
 ) -> float:
     """Where the guard crosses its bound, by bisection with secant steps (Illinois variant)."""

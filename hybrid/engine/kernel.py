@@ -103,15 +103,16 @@ ASIN, ACOS, ATAN, ATAN2, EXP, LOG = (
 )
 
 # Indices into State.counts: slots of the ring, rows to skip, rows written, draws used, place in the
-# segment.
-STARTED, ENDED, SKIP, ROWS, DRAWS, REPEAT, CUE = range(7)
+# segment; whether an overload ends the run: NEVER, the next one, or one that is there already.
+STARTED, ENDED, SKIP, ROWS, DRAWS, REPEAT, CUE, STOPS = range(8)
+NEVER, NEXT, AT_ONCE = range(3)
 # Indices into a row of State.overload: how many instants beyond range, the first (repeat, instant), the
 # worst, and a number for the last instant noted, so that x- and x+ count as one.
 TIMES, FIRST_REPEAT, FIRST_INSTANT, WORST_REPEAT, WORST_INSTANT, LAST = range(6)
 
 # Why the kernel came back.
 # WAITING: no propagators, so the caller must advance the analog side or let it follow a jump.
-DONE, PAUSED, RUNAWAY, NOT_FINITE, WAITING, CHATTERS, NOT_RESOLVED = range(7)
+DONE, PAUSED, RUNAWAY, NOT_FINITE, WAITING, CHATTERS, NOT_RESOLVED, OVERLOADED = range(8)
 
 # Beyond this many machine units a run means nothing any more and soon overflows.
 RUNAWAY_MU = 1e12
@@ -230,6 +231,15 @@ def watch(
 
 
 @compiled
+def any_noted(notes: Ints) -> bool:
+    """Whether anything has been beyond its range."""
+    noted = False
+    for row in range(notes.shape[0]):
+        noted |= notes[row, TIMES] > 0
+    return noted
+
+
+@compiled
 def play(
     score: Score,
     plant: Plant,
@@ -245,9 +255,10 @@ def play(
 ) -> int:
     """Play the segment's cues from (counts[REPEAT], counts[CUE]) up to (stop_repeat, stop_cue).
 
-    Returns why it ended: PAUSED, RUNAWAY, NOT_FINITE, or WAITING at every ADVANCE and LOOK where there
-    are no propagators. `normals` must hold enough draws for that, from counts[DRAWS] on; every
-    `keep_every`-th row of the record is kept, in `rows`.
+    Returns why it ended: PAUSED, RUNAWAY, NOT_FINITE, OVERLOADED where counts[STOPS] asks for it, or
+    WAITING at every ADVANCE and LOOK where there are no propagators; the cue that ended it is not done.
+    `normals` must hold enough draws for that, from counts[DRAWS] on; every `keep_every`-th row of the
+    record is kept, in `rows`.
     """
     # Plain names, and no calls with arrays on the common path: both would count references.
     cues = score.cues
@@ -264,6 +275,7 @@ def play(
     started, ended = count[STARTED], count[ENDED]
     skip, row, drawn = count[SKIP], count[ROWS], count[DRAWS]
     repeat, at, last = count[REPEAT], count[CUE], cues[cues.shape[0] - 1, 2]
+    stops = count[STOPS]
     outcome, circuit = PAUSED, change.shape[0] == 0
     while outcome == PAUSED and (repeat < stop_repeat or (repeat == stop_repeat and at < stop_cue)):
         end = cues.shape[0] if repeat < stop_repeat else stop_cue
@@ -274,6 +286,9 @@ def play(
                 outcome = WAITING
                 break
             if cue == ADVANCE:
+                if stops == AT_ONCE:
+                    outcome = OVERLOADED
+                    break
                 for j in range(draws[i]):
                     v[draws_at + j] = normals[drawn + j]
                 drawn += draws[i]
@@ -302,6 +317,9 @@ def play(
                 ):
                     outcome = RUNAWAY
                     break
+                if within < inputs_at and stops != NEVER and any_noted(notes):
+                    outcome = OVERLOADED
+                    break
             elif cue == SAMPLE:
                 sample[i] = v[adc[i, 0]]
             elif cue in (TAKE, CONVERT):
@@ -312,6 +330,9 @@ def play(
                     note_overload(notes, values, signals + i, value, repeat, cues[at, 2], last)
                 word = convert(value, limit, adc_figures[i, 2], adc_figures[i, 3])
                 registers[adc[i, 1]] = word * adc_figures[i, 0]
+                if abs(value) > limit and stops != NEVER:
+                    outcome = OVERLOADED
+                    break
             elif cue == START:
                 run_tape(code, registers)
                 for w in range(word_registers.shape[0]):
@@ -336,6 +357,8 @@ def play(
                     if abs(value) > 1.0:
                         row_of = signals + adcs + i
                         note_overload(notes, values, row_of, value, repeat, cues[at, 2], last)
+                        if stops != NEVER and outcome == PAUSED:
+                            outcome = OVERLOADED
                     value = convert(value, 1.0, dac_figures[i, 1], dac_figures[i, 2])
                 else:
                     held = steps[i]
@@ -351,6 +374,9 @@ def play(
                     beyond += abs(v[s]) > 1.0
                 if beyond > 0:
                     watch(signal, v, notes, values, repeat, cues[at, 2], last)
+                    if stops != NEVER and any_noted(notes):
+                        outcome = OVERLOADED
+                        break
             else:
                 if skip == 0:
                     for p in range(source.shape[0]):

@@ -16,6 +16,7 @@ from hybrid.engine import kernel
 from hybrid.engine.kernel import Coupling, Deck, Pens, Plant, Score, State
 from hybrid.engine.propagator import Propagator, propagator
 from hybrid.machine import Floats, Machine, Pen
+from hybrid.modes import CONTINUE
 from hybrid.scale import to_seconds
 from hybrid.streams import stream
 from hybrid.timeline import Happening, Segment, Timeline
@@ -73,6 +74,8 @@ class Player:
             if abs(value) > 1.0:
                 self._overload_s[row] = (0.0, value, value, 0.0, 1)
                 self.state.overload[row, kernel.LAST] = 1
+        if machine.on_overload != CONTINUE:
+            self.state.counts[kernel.STOPS] = kernel.AT_ONCE if self._overload_s else kernel.NEXT
 
     def play(self) -> Iterator[float]:
         """Play to the end in chunks; yields the fraction of the run that is done."""
@@ -124,6 +127,11 @@ class Player:
             stop_cue,
         )
         return outcome
+
+    @property
+    def held_s(self) -> float | None:
+        """When an overload put the machine into HOLD; None where none did."""
+        return None
 
     @property
     def record(self) -> Floats:
@@ -325,7 +333,7 @@ def _places(machine: Machine) -> list[int]:
     """Where each signal stands in the kernel's v."""
     analog, sums = machine.analog, _sums(machine)
     if machine.elements:
-        return list(range(len(analog.signals)))
+        return list(range(len(analog.signals) + 1))  # the last is the machine's mode
     first = _padding(len(sums) + len(analog.states))
     place = {analog.signals[s]: first + i for i, s in enumerate(sums)}
     place |= {name: first + len(sums) + i for i, name in enumerate(analog.states)}
@@ -353,7 +361,7 @@ def _deck(machine: Machine) -> Deck:
 
 
 def _pens(machine: Machine, pens: tuple[Pen, ...]) -> Pens:
-    source = {"analog": 0, "dac": 0, "adc": 1, "word": 2}
+    source = {"analog": 0, "dac": 0, "mode": 0, "adc": 1, "word": 2}
     places = _places(machine)
     table = [(source[p.kind], p.index if source[p.kind] else places[p.index]) for p in pens]
     return Pens(
@@ -378,7 +386,7 @@ def _state(machine: Machine, plant: Plant) -> State:
         machine.tape.registers.copy(),
         np.zeros((latency, words)),
         np.zeros(words),
-        np.zeros(7, dtype=np.int64),
+        np.zeros(8, dtype=np.int64),
         np.zeros((watched, 6), dtype=np.int64),
         np.zeros((watched, 2)),
     )

@@ -124,7 +124,10 @@ def _parts(circuit: Circuit) -> list[Part]:
 
 @dataclass
 class Reference:
-    """One run in progress; `x` and `y` are the states of integrators and of lags."""
+    """One run in progress; `x` and `y` are the states of integrators and of lags.
+
+    It knows no modes: its integrators are in OP.
+    """
 
     circuit: Circuit
     held: Floats
@@ -242,16 +245,19 @@ class Reference:
                 guard[part.corner] = u
                 value = self._piece_value(part.corner, u)
             elif kind == SWITCH:
-                value = u if self._is_high(part.control, signal) else w
+                value = u if self._is_high(part.control, before) else w
             elif kind == TRACK:
-                value = u if self._is_high(part.control, signal) else float(self.stored[e])
+                value = u
             elif kind == INPUT:
                 value = float(self.held[part.control])
             elif kind == SINE:
                 value = figures[AMPLITUDE] * math.sin(figures[OMEGA] * t_s + figures[PHASE])
             else:
                 value = _FUNCTIONS[kind](u, w, figures[EXPONENT])
-            before[e] = self._output(part, value, guard)
+            if kind == TRACK and not self._is_high(part.control, before):
+                before[e] = float(self.stored[e])
+            else:
+                before[e] = self._output(part, value, guard)
             if part.rate < 0.0:
                 signal[e] = before[e]
         return Values(np.array(signal), np.array(before), np.array(drive), np.array(guard))
@@ -272,9 +278,9 @@ class Reference:
         x = g - row[AT]
         return row[C0] + row[C1] * x + row[C2] * x * x
 
-    def _is_high(self, by: int, signal: list[float]) -> bool:
+    def _is_high(self, by: int, before: list[float]) -> bool:
         part = self.parts[by]
-        return self.piece[part.corner] > 0 if part.kind == PIECES else signal[by] > 0.5
+        return self.piece[part.corner] > 0 if part.kind == PIECES else before[by] > 0.5
 
     def _settled(self, t_s: float) -> Values:
         """Values at an instant, after every piece that does not hold has been changed."""

@@ -67,7 +67,8 @@ class ReferencePlayer(CircuitPlayer):
         """Every signal settled at t = 0."""
         state = Player._first_state(self)
         count = len(self.machine.analog.signals)
-        state = state._replace(v=np.concatenate([np.zeros(count), state.v]), next_v=np.zeros(count))
+        shown = np.zeros(count + 1)  # and the machine's mode, which it does not leave
+        state = state._replace(v=np.concatenate([shown, state.v]), next_v=np.zeros(count + 1))
         circuit, shortest_s = self.side.circuit, 0.0
         if len(circuit.taus_s):
             shortest_s = float(circuit.taus_s[0])

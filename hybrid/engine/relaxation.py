@@ -20,7 +20,7 @@ from typing import NamedTuple
 import numpy as np
 
 from hybrid.engine.circuit import FIRST_PIECE, HIGH, LOW, TEAR, Circuit
-from hybrid.engine.corners import Log, change_piece, first_exit, settle
+from hybrid.engine.corners import Log, change_piece, first_exit, leaves, locate, settle
 from hybrid.engine.kernel import RUNAWAY_MU, Floats, Ints, compiled
 from hybrid.engine.nodes import Nodes, Shelf, point_weights
 from hybrid.engine.sweep import (
@@ -35,8 +35,11 @@ from hybrid.engine.sweep import (
     FIRST_S,
     FIRST_SHARE,
     FIRST_VALUE,
+    FROZEN,
     KNOWN,
     LENGTH,
+    ON_OVERLOAD,
+    OVERLOAD_S,
     REJECTED,
     ROWS,
     STARTED,
@@ -52,9 +55,10 @@ from hybrid.engine.sweep import (
     X,
     solve,
 )
+from hybrid.modes import CONTINUE, STOP_RUN
 
 # Why `advance` came back.
-DONE, RUNAWAY, CHATTER, UNRESOLVED = range(4)
+DONE, RUNAWAY, CHATTER, UNRESOLVED, OVERLOADED = range(5)
 
 # A layer has died out after this many lags: exp(-36) is 2e-16, a chain of lags takes longer.
 LAYER_LAGS = 45.0
@@ -106,6 +110,10 @@ def advance(
     tolerance = min(max(1e-15, 1e-5 * rtol), 1e-12)
     now, cap = 0.0, math.inf
     while now < duration_s:
+        if counts[ON_OVERLOAD] != CONTINUE:
+            e = _beyond_now(state)
+            if e >= 0 and _act_on_overload(circuit, state, e, t_s, now, log):
+                return OVERLOADED, now
         length = _next_length(circuit, state, duration_s - now, cap)
         _prepare_guess(circuit, state, grid, length)
         fits = solve(circuit, state, shelf, grid, t_s + now, length, tolerance)
@@ -118,6 +126,21 @@ def advance(
         corner, at = -1, 1.0
         if circuit.corners.shape[0] > 0:
             corner, at = first_exit(circuit, state, grid)
+        if counts[ON_OVERLOAD] != CONTINUE:
+            e, earlier = _first_overload(state, grid, at)
+            if e >= 0:
+                length = max(length * earlier, SHORTEST_S)
+                _guess(
+                    circuit, state, grid, 0.0, earlier, len(grid.marks), state.start, state.nodes
+                )
+                solve(circuit, state, shelf, grid, t_s + now, length, tolerance)
+                now = min(now + length, duration_s)
+                _record(state, grid, pen, now, length)
+                _watch(state, grid, t_s + now - length, length)
+                _accept(circuit, state, grid, length, tail, tolerance)
+                if _act_on_overload(circuit, state, e, t_s, now, log):
+                    return OVERLOADED, now
+                continue
         if corner < 0:
             now = duration_s if length == duration_s - now else now + length
             _record(state, grid, pen, now, length)
@@ -160,6 +183,59 @@ def _begin(circuit: Circuit, state: State, t_s: float, log: Log) -> None:
         state.counts[EVENTS] = 0
     state.counts[STARTED], state.counts[KNOWN] = 1, 0
     state.clock[AGE] = 0.0
+
+
+@compiled
+def _beyond_now(state: State) -> int:
+    """A watched signal that is beyond full scale at this instant, or -1."""
+    for e in range(state.start.shape[0]):
+        if state.watched[e] > 0 and abs(state.start[e]) > FULL_SCALE:
+            return e
+    return -1
+
+
+@compiled
+def _first_overload(state: State, grid: Nodes, before: float) -> tuple[int, float]:
+    """The watched signal that first goes beyond full scale in this window, and at what fraction of it.
+
+    (-1, 1) where none does before the fraction `before`. Looked for as corners are.
+    """
+    found, earliest = -1, 1.0
+    for e in range(state.start.shape[0]):
+        if state.watched[e] == 0:
+            continue
+        start, nodes = state.start[e], state.nodes[e]
+        left, right = leaves(grid, start, nodes, -FULL_SCALE, FULL_SCALE)
+        if right < left or left >= min(before, earliest):
+            continue
+        at = locate(grid, start, nodes, -FULL_SCALE, FULL_SCALE, left, right)
+        if at < before and (found < 0 or at < earliest):
+            found, earliest = e, at
+    return found, earliest
+
+
+@compiled
+def _act_on_overload(
+    circuit: Circuit, state: State, e: int, t_s: float, now_s: float, log: Log
+) -> bool:
+    """Note which signal it was; put the machine into HOLD for good, or say that the run is to stop."""
+    state.clock[OVERLOAD_S] = t_s + now_s
+    overload, value = state.overload[e], state.start[e]
+    if overload[TIMES] == 0.0:
+        overload[TIMES], overload[FIRST_S], overload[WORST_S] = 1.0, t_s + now_s, t_s + now_s
+        overload[FIRST_VALUE], overload[WORST_VALUE] = value, value
+    if state.counts[ON_OVERLOAD] == STOP_RUN:
+        return True
+    hold_for_good(circuit, state, t_s, now_s, log)
+    return False
+
+
+@compiled
+def hold_for_good(circuit: Circuit, state: State, t_s: float, now_s: float, log: Log) -> None:
+    """Put the machine into HOLD, whatever its modes are meant to be from now on."""
+    state.counts[FROZEN], state.counts[ON_OVERLOAD] = 1, CONTINUE
+    settle(circuit, state, t_s, now_s, log, False)
+    state.clock[AGE], state.counts[KNOWN] = 0.0, 0
 
 
 @compiled

@@ -17,6 +17,7 @@ from hybrid.elements import (
     COS,
     INPUT,
     INTEGRATE,
+    MODE,
     PIECES,
     PRODUCT,
     QUOTIENT,
@@ -42,6 +43,7 @@ from hybrid.engine.circuit import (
     FIRST,
     FIRST_PIECE,
     GAIN,
+    KEEPS,
     KIND,
     LAG,
     LAW,
@@ -56,6 +58,7 @@ from hybrid.engine.circuit import (
 )
 from hybrid.engine.kernel import RUNAWAY_MU, Floats, Ints, compiled, inlined
 from hybrid.engine.nodes import Nodes, Shelf, padded, shelved
+from hybrid.modes import HOLD, IC, OP
 
 # Four nodes that lie side by side become one vector instruction only by this pass of LLVM, which numba
 # leaves off unless told: 1.5 times the speed.
@@ -71,7 +74,7 @@ class State(NamedTuple):
     nodes: Floats  # (n, P): every signal at its nodes
     past: Floats  # (n,): every signal at the start of the last window
     last: Floats  # (n, P): every signal at the nodes of the last window
-    memory: Floats  # (n, 6): see the columns below
+    memory: Floats  # (n, 7): see the columns below
     piece: Ints  # (corners,)
     guard_start: Floats  # (corners,): the quantity each corner guards
     guard: Floats  # (corners, P)
@@ -83,21 +86,24 @@ class State(NamedTuple):
     overload: Floats  # (n, 6): see the columns below
     clock: Floats  # see the constants below
     counts: Ints  # see the constants below
+    watched: Ints  # (n,): 1 where an overload may stop the run or hold the machine
 
 
 # Columns of State.memory, each at the start of the window and at its end: the state of an integrator,
-# what it integrates, the output before the lag, which is also what a store keeps.
-X, X_END, DRIVE, DRIVE_END, BEFORE, BEFORE_END = range(6)
+# what it integrates, the output before the lag, which is also what a store keeps. The mode of an
+# integrator does not change within a window.
+X, X_END, DRIVE, DRIVE_END, BEFORE, BEFORE_END, AS = range(7)
 # Columns of State.overload, of a signal beyond full scale: when first and its value then, the worst
 # value and when, how long altogether, in how many windows.
 FIRST_S, FIRST_VALUE, WORST_VALUE, WORST_S, BEYOND_S, TIMES = range(6)
 # Indices into State.clock: time since the last jump, working length, length of the last window, share of
 # the shortest lag that the first window after a jump takes; largest error estimate of a window, and
-# their sum for the ends of the windows.
-AGE, CRUISE, LENGTH, FIRST_SHARE, WORST, SUM_OF_ERRORS = range(6)
+# their sum for the ends of the windows; when an overload stopped the run or held the machine.
+AGE, CRUISE, LENGTH, FIRST_SHARE, WORST, SUM_OF_ERRORS, OVERLOAD_S = range(7)
 # Indices into State.counts: started, last window's points can be used for a guess, windows accepted and
-# rejected, sweeps, events, record rows, windows to wait before the length may grow.
-STARTED, KNOWN, WINDOWS, REJECTED, SWEEPS, EVENTS, ROWS, WAIT = range(8)
+# rejected, sweeps, events, record rows, windows to wait before the length may grow; what an overload
+# does, whether the machine is in HOLD because of one.
+STARTED, KNOWN, WINDOWS, REJECTED, SWEEPS, EVENTS, ROWS, WAIT, ON_OVERLOAD, FROZEN = range(10)
 
 # Sweeps after which a window is given up as too long.
 MOST_SWEEPS = 40
@@ -107,7 +113,8 @@ def new_state(circuit: Circuit, q: int = 8) -> State:
     """State of a run that has not started."""
     n, m, p = len(circuit.rows), len(circuit.corners), padded(q)
     inputs = int(np.sum(circuit.rows[:, KIND] == INPUT))
-    memory = np.zeros((n, 6))
+    memory = np.zeros((n, 7))
+    memory[:, AS] = OP
     memory[:, [X, X_END, BEFORE, BEFORE_END]] = circuit.initial[:, :1]
     return State(
         np.zeros(inputs),
@@ -124,8 +131,9 @@ def new_state(circuit: Circuit, q: int = 8) -> State:
         np.zeros((p, q + 1)),
         np.full(3, np.nan),
         np.zeros((n, 6)),
-        np.array([0.0, math.inf, 0.0, 1.0, 0.0, 0.0]),
-        np.zeros(8, dtype=np.int64),
+        np.array([0.0, math.inf, 0.0, 1.0, 0.0, 0.0, math.nan]),
+        np.zeros(10, dtype=np.int64),
+        np.zeros(n, dtype=np.int64),
     )
 
 
@@ -197,12 +205,11 @@ def piece_of(pieces: Floats, p: int, g: float) -> float:
 
 
 @inlined
-def is_high(rows: Ints, piece: Ints, start: Floats, e: int) -> bool:
-    """Whether the control of element e is high."""
-    by = rows[e, CONTROL]
+def is_high(rows: Ints, piece: Ints, memory: Floats, by: int) -> bool:
+    """Whether element `by` is high: what it controls does not wait for its lag."""
     if rows[by, KIND] == PIECES:
         return bool(piece[rows[by, CORNER]] > 0)
-    return bool(start[by] > 0.5)
+    return bool(memory[by, BEFORE] > 0.5)
 
 
 @compiled
@@ -234,9 +241,18 @@ def sweep(
         kind, corner, stop, lag = rows[e, KIND], rows[e, CORNER], rows[e, STOP], rows[e, LAG]
         terms, middle, end = rows[e, FIRST], rows[e, SECOND], rows[e, END]
         p = corners[corner, FIRST_PIECE] + piece[corner] if corner >= 0 else 0
+        constant, mode = figures[e, CONSTANT], memory[e, AS]
+        factor, offset = figures[e, GAIN], figures[e, OFFSET]
+        stores = kind == TRACK and not is_high(rows, piece, memory, rows[e, CONTROL])
+        if stores:  # what it keeps has been through these
+            factor, offset = 1.0, 0.0
+        if mode == HOLD:
+            middle = terms
+        elif mode == IC:
+            terms, middle, constant = middle, end, figures[e, SECOND_CONSTANT]
         for block in range(blocks):
             i = 4 * block
-            a, b, c, d = gather(nodes, i, signal, gain, figures[e, CONSTANT], terms, middle)
+            a, b, c, d = gather(nodes, i, signal, gain, constant, terms, middle)
             if kind == PIECES:
                 guard[corner, i], guard[corner, i + 1] = a, b
                 guard[corner, i + 2], guard[corner, i + 3] = c, d
@@ -252,12 +268,15 @@ def sweep(
                     nodes, i, signal, gain, figures[e, SECOND_CONSTANT], middle, end
                 )
                 if kind == SWITCH:
-                    if not is_high(rows, piece, start, e):
+                    if not is_high(rows, piece, memory, rows[e, CONTROL]):
                         a, b, c, d = w, x, y, z
                 elif kind == TRACK:
-                    if not is_high(rows, piece, start, e):
+                    if stores:
                         a = memory[e, BEFORE]
                         b, c, d = a, a, a
+                elif kind == MODE:
+                    a = memory[e, BEFORE]
+                    b, c, d = a, a, a
                 elif kind == INPUT:
                     a = held[rows[e, CONTROL]]
                     b, c, d = a, a, a
@@ -281,7 +300,19 @@ def sweep(
                     c, d = function_of(kind, c, y, exponent), function_of(kind, d, z, exponent)
             scratch[0, i], scratch[0, i + 1], scratch[0, i + 2], scratch[0, i + 3] = a, b, c, d
         r = 0
-        if kind == INTEGRATE:
+        kept = mode == HOLD and figures[e, KEEPS] != 0.0
+        if kept:
+            for i in range(4 * blocks):
+                scratch[0, i] = memory[e, X]
+        if kept or (kind == INTEGRATE and mode == IC):
+            if corner >= 0:
+                for i in range(4 * blocks):
+                    guard[corner, i] = scratch[0, i]
+                    if piece[corner] != 1:
+                        guard[corner, i] -= pieces[p, C0]
+                        scratch[0, i] = pieces[p, C0]
+            memory[e, X_END] = scratch[0, q - 1]
+        elif kind == INTEGRATE:
             r = 1
             memory[e, DRIVE_END] = scratch[0, q - 1]
             x, v, law = memory[e, X], memory[e, DRIVE], rows[e, LAW]
@@ -298,7 +329,6 @@ def sweep(
                         guard[corner, i] = scratch[0, i] + figures[e, FEEDBACK] * limit
                         scratch[1, i] = limit
             memory[e, X_END] = scratch[1, q - 1]
-        factor, offset = figures[e, GAIN], figures[e, OFFSET]
         if factor != 1.0 or offset != 0.0:
             for i in range(4 * blocks):
                 scratch[r, i] = factor * scratch[r, i] + offset

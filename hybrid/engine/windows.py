@@ -17,11 +17,19 @@ from hybrid.engine.corners import Log, new_log, settle
 from hybrid.engine.kernel import Coupling, Deck, Floats, Ints, Pens, Plant, Score, State, compiled
 from hybrid.engine.linear import Overload, Player
 from hybrid.engine.nodes import Nodes, Shelf, new_shelf, nodes
-from hybrid.engine.relaxation import CHATTER, RUNAWAY, advance, no_pen
+from hybrid.engine.relaxation import (
+    CHATTER,
+    OVERLOADED,
+    RUNAWAY,
+    advance,
+    hold_for_good,
+    no_pen,
+)
 from hybrid.engine.relaxation import Pen as WindowPen
-from hybrid.engine.sweep import DRIVE, new_state
+from hybrid.engine.sweep import DRIVE, FROZEN, ON_OVERLOAD, OVERLOAD_S, new_state
 from hybrid.engine.sweep import State as CircuitState
 from hybrid.machine import Machine
+from hybrid.modes import MODE_ELEMENT, OP, STOP_RUN
 from hybrid.scale import to_seconds
 
 NODES = 8
@@ -44,6 +52,7 @@ class Side(NamedTuple):
     no_pen: WindowPen
     place: Ints  # (signals,): element of each signal
     held: Ints  # (inputs of the circuit,): which of the machine's held inputs
+    mode: Ints  # (1,): the element that gives the machine's mode; -1: it is always in OP
     stopped_s: Floats  # (1,): when it could not go on; nan: it could
 
 
@@ -75,12 +84,28 @@ def follow(side: Side, plant: Plant, state: State, t_s: float, duration_s: float
     )
     for s in range(side.place.shape[0]):
         v[s] = side.state.start[side.place[s]]
+    v[side.place.shape[0]] = side.state.start[side.mode[0]] if side.mode[0] >= 0 else OP
     if why == 0:
         return kernel.WAITING
     side.stopped_s[0] = t_s + done_s
     if why == RUNAWAY:
         return kernel.RUNAWAY
+    if why == OVERLOADED:
+        return kernel.OVERLOADED
     return kernel.CHATTERS if why == CHATTER else kernel.NOT_RESOLVED
+
+
+@compiled
+def _hold_now(score: Score, side: Side, clock: Clock, state: State) -> None:
+    """A converter is beyond its range: put the machine into HOLD at the cue that found it."""
+    count = state.counts
+    count[kernel.STOPS] = kernel.NEVER
+    if side.state.counts[FROZEN] > 0:
+        return
+    now_s = clock.start_s + count[kernel.REPEAT] * clock.length_s
+    now_s += clock.instants_s[score.cues[count[kernel.CUE], 2]]
+    side.state.clock[OVERLOAD_S] = now_s
+    hold_for_good(side.circuit, side.state, now_s, 0.0, side.log)
 
 
 @compiled
@@ -115,6 +140,9 @@ def play_circuit(
             stop_repeat,
             stop_cue,
         )
+        if outcome == kernel.OVERLOADED and side.state.counts[ON_OVERLOAD] != STOP_RUN:
+            _hold_now(score, side, clock, state)
+            continue
         if outcome != kernel.WAITING:
             return int(outcome)
         cue = count[kernel.CUE]
@@ -156,7 +184,7 @@ class CircuitPlayer(Player):
         signals, inputs = len(self.machine.analog.signals), len(self.machine.analog.inputs)
         return Plant(
             np.zeros((0, 0, inputs, 8)),
-            np.zeros(signals),
+            np.zeros(signals + 1),  # and the machine's mode
             np.zeros(len(intervals), dtype=np.int64),
             np.arange(signals),
             np.zeros((inputs, 0)),
@@ -165,12 +193,18 @@ class CircuitPlayer(Player):
     def _first_state(self) -> State:
         """Every signal settled at t = 0."""
         state = super()._first_state()
-        count = len(self.machine.analog.signals)
+        count = len(self.machine.analog.signals) + 1
         v = np.concatenate([np.zeros(count), state.v])
         state = state._replace(v=v, next_v=np.zeros(count))
         settle_loops(self.side, state.v[count + self.side.held])
         follow(self.side, self.plant, state, 0.0, 0.0)
         return state
+
+    @property
+    def held_s(self) -> float | None:
+        """When an overload put the machine into HOLD; None where none did."""
+        frozen = self.side.state.counts[FROZEN] > 0
+        return float(self.side.state.clock[OVERLOAD_S]) if frozen else None
 
     @property
     def done_s(self) -> float:
@@ -246,15 +280,18 @@ def _side(machine: Machine) -> Side:
             builder.inputs.append(name)
             held.append(inputs.index(name.removesuffix(":source")))
     circuit, number = builder.build()
-    grid = nodes(NODES)
+    grid, state = nodes(NODES), new_state(circuit, NODES)
+    state.watched[[number[s] for s in machine.analog.signals]] = 1
+    state.counts[ON_OVERLOAD] = machine.on_overload
     return Side(
         circuit,
-        new_state(circuit, NODES),
+        state,
         new_shelf(NODES, len(circuit.laws)),
         grid,
         new_log(),
         no_pen(),
         np.array([number[s] for s in machine.analog.signals], dtype=np.int64),
         np.array(held, dtype=np.int64),
+        np.array([number.get(MODE_ELEMENT, -1)], dtype=np.int64),
         np.full(1, np.nan),
     )

@@ -6,7 +6,15 @@ from hybrid.components import CATALOG, Kind
 from hybrid.errors import PatchError, Place, did_you_mean, quoted
 from hybrid.expressions import Name
 from hybrid.fields import Fields, one_kind, table_of, unit_words
-from hybrid.language import ERROR_KEYS, FULL_SCALE, MACHINE_KEYS, UNIT, Holds
+from hybrid.language import (
+    ERROR_KEYS,
+    FULL_SCALE,
+    MACHINE_KEYS,
+    TIME_SCALE,
+    TOP_KEYS,
+    UNIT,
+    Holds,
+)
 from hybrid.machines import PRESETS
 from hybrid.patch import Component, MachineSettings, Value
 from hybrid.patchfile.book import Book
@@ -27,7 +35,14 @@ def read_machine(book: Book) -> MachineSettings:
         fields.integer("serial", 1),
         fields.quantities(ERROR_KEYS),
         tree.place,
+        fields.quantities(MACHINE_KEYS).get("pot_resolution"),
     )
+
+
+def read_time_scale(book: Book) -> Value | None:
+    """Problem seconds in a machine second, None where the patch does not say."""
+    fields = book.fields(book.root, "the patch", TOP_KEYS, book.root.place)
+    return fields.quantities((TIME_SCALE,)).get(TIME_SCALE.name)
 
 
 def _preset(name: str, place: Place) -> str:
@@ -57,8 +72,11 @@ def _component(book: Book, name: str, table: Table, place: Place) -> Component:
     complaint = kind.complaint(table.entries)
     if complaint:
         raise PatchError(f"{what}: {complaint}", place)
-    control = _control(book, fields) if "control" in table.entries else None
-    values = {**fields.quantities((kind.main, *kind.keys), scale), **fields.wholes(kind.keys)}
+    initial = _initial_signal(book, fields)
+    values = fields.quantities(
+        [k for k in (kind.main, *kind.keys) if not (initial and k.name == "initial")], scale
+    )
+    values |= fields.wholes(kind.keys)
     _refuse_mixed_frequency(book, values, fields)
     return Component(
         name,
@@ -72,8 +90,11 @@ def _component(book: Book, name: str, table: Table, place: Place) -> Component:
         fields.quantities(ERROR_KEYS),
         place,
         _signals(book, fields, kind),
-        control,
+        book.control(fields, "control", f"{what} is controlled by"),
         fields.points("points", scale) if "points" in table.entries else (),
+        initial,
+        book.control(fields, "reset_when", f"{what} is reset by"),
+        book.control(fields, "hold_when", f"{what} is held by"),
     )
 
 
@@ -96,17 +117,18 @@ def _signals(book: Book, fields: Fields, kind: Kind) -> tuple[str, ...]:
     return found
 
 
-def _control(book: Book, fields: Fields) -> str:
-    """What switches a component."""
-    name, place = fields.text("control"), fields.place("control")
-    book.require_analog(name, f"{fields.what} is controlled by", place)
-    if name not in book.controls:
+def _initial_signal(book: Book, fields: Fields) -> str | None:
+    """The signal that an integrator follows in IC, where `initial` names one."""
+    tree = fields.table.entries.get("initial")
+    if not isinstance(tree, Text) or tree.text not in book.roles or tree.text in book.scope:
+        return None
+    book.require_analog(tree.text, f"initial of {fields.what} is", tree.place)
+    if "integrate" not in fields.table.entries:
         raise PatchError(
-            f"{fields.what} is controlled by {quoted(name)}; a control is a comparator, a DAC, or a "
-            "step, pulse or square source",
-            place,
+            f"initial of {fields.what} is the signal {tree.text!r}; only an integrator follows a signal",
+            tree.place,
         )
-    return name
+    return tree.text
 
 
 def _terms(book: Book, fields: Fields, kind: Kind) -> tuple[tuple[str, Value], ...]:

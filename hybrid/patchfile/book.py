@@ -9,6 +9,7 @@ from enum import Enum
 from hybrid.errors import PatchError, Place, did_you_mean, quoted
 from hybrid.fields import Fields, FullScale, check_name, one_kind, only_keys, table_of
 from hybrid.language import ADC_KEYS, DAC_KEYS, DIGITAL_KEYS, ERROR_KEYS, Key
+from hybrid.modes import LOGIC
 from hybrid.units import Dimension
 from hybrid.yamltree import Table
 
@@ -81,6 +82,34 @@ class Book:
         analog = self.section("analog") or ()
         found = (n for n, t, _ in analog if isinstance(t, Table) and kinds & t.entries.keys())
         return frozenset((*found, *self.named(Role.DAC)))
+
+    def control(self, fields: Fields, key: str, doing: str, modes: bool = True) -> str | None:
+        """The signal that switches something, or the machine's mode; None where `key` is not given.
+
+        doing: begins the message, "component 'x' is controlled by"; modes: whether the mode may.
+        """
+        if key not in fields.table.entries:
+            return None
+        name, place = fields.text(key), fields.place(key)
+        if name in LOGIC and name not in self.roles:
+            if modes and "modes" in self.root.entries:
+                return name
+            reason = "which the machine's mode gives; " + (
+                "the patch has no modes:" if modes else "it cannot set itself"
+            )
+            raise PatchError(f"{doing} {name!r}, {reason}", place)
+        self.require_analog(name, doing, place)
+        if name not in self.controls:
+            raise PatchError(
+                f"{doing} {quoted(name)}; a control is a comparator, a DAC, or a step, pulse or square "
+                + (
+                    "source, or operating, resetting or holding of a patch with modes:"
+                    if modes
+                    else "source"
+                ),
+                place,
+            )
+        return name
 
     @property
     def signals(self) -> frozenset[str]:

@@ -25,6 +25,7 @@ def check_cords(
         for signal, value in component.terms:
             _check_coefficient(book, component, signal, value)
         _check_gain(book, component)
+        _check_initial(book, component)
     dimensions = {a.word: a.dimension for a in program.assignments} if program else {}
     for dac in dacs:
         dimension = dimensions[dac.word]
@@ -48,6 +49,18 @@ def _check_gain(book: Book, component: Component) -> None:
         raise PatchError(
             f"gain of component {component.name!r} must be {in_words(wanted)}: without it the result "
             f"is in {plain}, and full_scale is in {component.dimension}",
+            component.place,
+        )
+
+
+def _check_initial(book: Book, component: Component) -> None:
+    """The signal that an integrator follows in IC is in its unit."""
+    signal = component.initial_signal
+    if signal and book.scales[signal].dimension != component.dimension:
+        raise PatchError(
+            f"initial of component {component.name!r} is the signal {signal!r}, which is "
+            f"{in_words(book.scales[signal].dimension, book.scales[signal].unit)}; "
+            f"it must be {in_words(component.dimension, component.unit)}",
             component.place,
         )
 

@@ -1,11 +1,20 @@
-"""The sections `run`, `record` and `readouts`: how long, and what comes out."""
+"""The sections `modes`, `run`, `record` and `readouts`: when and how long, and what comes out."""
 
 from __future__ import annotations
 
 from hybrid.errors import PatchError, Place, did_you_mean, quoted
 from hybrid.fields import check_name, one_kind, table_of
-from hybrid.language import DEFAULT_ROWS, READOUT_KEYS, READOUT_KINDS, RUN_KEYS, Holds, Key
-from hybrid.patch import Readout, RunSettings
+from hybrid.language import (
+    DEFAULT_ROWS,
+    MODES_KEYS,
+    READOUT_KEYS,
+    READOUT_KINDS,
+    RUN_KEYS,
+    Holds,
+    Key,
+)
+from hybrid.modes import ON_OVERLOAD
+from hybrid.patch import ModeSettings, Readout, RunSettings
 from hybrid.patchfile.book import Book
 from hybrid.yamltree import Sequence, Text, Tree, kind_of
 
@@ -21,7 +30,45 @@ def read_run(book: Book) -> RunSettings:
             "run: without a digital machine the record needs its interval; add every: TIME", place
         )
     max_rows = fields.integer("max_rows", DEFAULT_ROWS)
-    return RunSettings(values["until"], values.get("every"), max_rows)
+    on_overload = fields.text("on_overload", "continue")
+    if on_overload not in ON_OVERLOAD:
+        raise PatchError(
+            f"run: on_overload is {quoted(on_overload)}; {did_you_mean(on_overload, ON_OVERLOAD)}",
+            fields.place("on_overload"),
+        )
+    return RunSettings(values["until"], values.get("every"), max_rows, on_overload)
+
+
+def read_modes(book: Book) -> ModeSettings | None:
+    """When the machine is in IC, OP and HOLD; None where it is always in OP."""
+    tree = book.root.entries.get("modes")
+    if tree is None:
+        return None
+    place = book.root.places["modes"]
+    fields = book.fields(table_of(tree, "modes"), "modes", MODES_KEYS, place)
+    values = fields.quantities(MODES_KEYS)
+    given = fields.table.entries
+    if ("operate" in given) != ("reset" in given):
+        missing = "reset" if "operate" in given else "operate"
+        raise PatchError(f"modes has no {missing}; operate and reset go together", place)
+    for key in ("hold", "operations"):
+        if key in given and "operate" not in given:
+            raise PatchError(f"modes: {key} needs operate and reset beside it", fields.place(key))
+    reset_when = book.control(fields, "reset_when", "the machine is reset by", modes=False)
+    hold_when = book.control(fields, "hold_when", "the machine is held by", modes=False)
+    if not given:
+        raise PatchError(
+            "modes is empty; give reset and operate, or reset_when, or hold_when", place
+        )
+    return ModeSettings(
+        values.get("reset"),
+        values.get("operate"),
+        values.get("hold"),
+        fields.integer("operations", 0) or None,
+        reset_when,
+        hold_when,
+        place,
+    )
 
 
 def read_record(book: Book) -> tuple[str, ...]:

@@ -10,11 +10,11 @@ from hybrid.errors import PatchError, Place, did_you_mean, one_line, shown
 from hybrid.fields import Fields
 from hybrid.language import TOP_KEYS
 from hybrid.patch import Component, Dac, Patch, Value
-from hybrid.patchfile.analog import read_components, read_machine
+from hybrid.patchfile.analog import read_components, read_machine, read_time_scale
 from hybrid.patchfile.book import Book
 from hybrid.patchfile.cords import check_cords
 from hybrid.patchfile.interface import read_adcs, read_dacs
-from hybrid.patchfile.outcome import read_readouts, read_record, read_run
+from hybrid.patchfile.outcome import read_modes, read_readouts, read_record, read_run
 from hybrid.patchfile.parameters import read_parameters
 from hybrid.patchfile.program import read_program
 from hybrid.shipped import find_patch, shipped_patches
@@ -106,6 +106,8 @@ def parse_patch(text: str, file: str = "<text>") -> Patch:
         read_run(book),
         read_record(book),
         read_readouts(book),
+        read_modes(book),
+        read_time_scale(book),
     )
     _try_numbers(patch)
     return patch
@@ -131,6 +133,7 @@ def _numbers(patch: Patch) -> list[Value]:
         found += [*component.values.values(), *(value for _, value in component.terms)]
         found += [value for point in component.points for value in point]
     optional = [patch.run.until, patch.run.every, *(dac.initial for dac in patch.dacs)]
+    optional += [patch.time_scale, patch.machine.pot_resolution]
     for adc in patch.adcs:
         optional += [adc.range, adc.conversion_time]
     if patch.program:
@@ -138,4 +141,6 @@ def _numbers(patch: Patch) -> list[Value]:
         optional += [program.period, program.compute_time, program.skew, *program.remember.values()]
     for readout in patch.readouts:
         optional += [readout.start, readout.end]
+    if patch.modes:
+        optional += [patch.modes.reset, patch.modes.operate, patch.modes.hold]
     return found + [value for value in optional if value]
