@@ -79,7 +79,9 @@ class _CircuitLayout(AnalogLayout):
     def build_circuit(self) -> tuple[Analog, tuple[StepEvent, ...], Elements]:
         """Everything the machine needs of the analog side."""
         self.reject_lagless_loops()
-        inputs = (*self.held_inputs(), *((TIMED_MODE,) if self._is_timed else ()))
+        sources = self.held_inputs()
+        timed = (TIMED_MODE,) if self._is_timed else ()  # it begins at 0, which is IC
+        inputs, first = (*sources, *timed), [*self.first_inputs(sources), *(0.0 for _ in timed)]
         none, count = np.zeros((0, 0)), len(self.signals)
         analog = Analog(
             self.signals,
@@ -90,7 +92,7 @@ class _CircuitLayout(AnalogLayout):
             none,
             np.zeros((count, len(inputs))),
             np.zeros(0),
-            self.first_inputs(inputs),
+            np.array(first),
             np.array([self.scale[s] for s in self.signals]),
             np.full(count, math.nan),
             (),
@@ -100,7 +102,7 @@ class _CircuitLayout(AnalogLayout):
 
     @property
     def _is_timed(self) -> bool:
-        """Whether time sets the machine's mode; the input that does begins at 0, which is IC."""
+        """Whether time sets the machine's mode."""
         return self.patch.modes is not None and self.patch.modes.operate is not None
 
     def _mode_elements(self) -> Iterator[tuple[str, Element]]:
