@@ -97,6 +97,10 @@ def _run(options: argparse.Namespace, filing: Filing) -> int:
         from hybrid.charts.plotter import save_plots, with_pens
 
         patch, pairs = with_pens(patch, options.xy)
+    if options.scope:
+        from hybrid.charts.oscilloscope import save_screens, with_beams
+
+        patch, screens = with_beams(patch, options.scope)
     from hybrid.arguments import machine_of
     from hybrid.engines import check_engine, engine_of, wants_circuit
     from hybrid.record import machine_facts, span_facts
@@ -125,6 +129,10 @@ def _run(options: argparse.Namespace, filing: Filing) -> int:
         from hybrid.storage import PlainRecord
 
         files += save_plots(PlainRecord(result.parts()), pairs, stem)
+    if options.scope:
+        from hybrid.storage import PlainRecord
+
+        files += save_screens(PlainRecord(result.parts()), screens, stem)
     if options.json:
         print_json(
             **machine_facts(machine),

@@ -126,6 +126,13 @@ def _run(made: argparse.ArgumentParser) -> None:
         metavar="X:Y[:TIME]",
         help="also plot signal Y against X, from TIME on",
     )
+    made.add_argument(
+        "--scope",
+        action="append",
+        default=[],
+        metavar="SIGNAL[,SIGNAL]",
+        help="also show signals on an oscilloscope, one sweep for each operation",
+    )
 
 
 def _predict(made: argparse.ArgumentParser) -> None:

@@ -138,6 +138,7 @@ def record_parts(
         "parameters_si": json.dumps(exact_parameters(machine)),
         **span_facts(machine),
         "versions": versions_text(),
+        **_operation_text(machine),
         **facts,
     }
     return variables, {"time": ("time", time_s, {"units": "s"})}, attributes
@@ -154,6 +155,20 @@ def _about(machine: Machine, pen: Pen) -> dict[str, Any]:
         "full_scale": full_scale,
         "kind": pen.kind,
     }
+
+
+def _operation_text(machine: Machine) -> dict[str, str]:
+    """How time sets the machine's mode, where it does."""
+    operation = machine.operation
+    if operation is None:
+        return {}
+    lengths = {
+        "reset_s": to_seconds(operation.reset),
+        "operate_s": to_seconds(operation.operate),
+        "hold_s": to_seconds(operation.hold),
+        "operations": operation.count,
+    }
+    return {"operation": json.dumps(lengths)}
 
 
 def patch_hash(patch: Patch) -> str:

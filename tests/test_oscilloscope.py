@@ -7,7 +7,16 @@ import pytest
 import xarray as xr
 from matplotlib.collections import LineCollection
 
-from hybrid.charts.oscilloscope import ACROSS, UPWARD, nice_division, oscilloscope, triggers
+import hybrid
+from hybrid.charts.oscilloscope import (
+    ACROSS,
+    UPWARD,
+    nice_division,
+    oscilloscope,
+    sweeps_of,
+    triggers,
+)
+from hybrid.cli import main
 from hybrid.errors import RunError
 
 
@@ -76,7 +85,7 @@ def test_sweeps_lie_upon_each_other() -> None:
     axes = figure.axes[0]
     assert axes.get_xlim() == (0, ACROSS)
     assert axes.get_ylim() == (-UPWARD / 2, UPWARD / 2)
-    said = [text.get_text() for text in axes.texts]
+    said = [text.get_text() for text in figure.texts[2:]]
     assert said == ["wave: 0.2 rad a division", "word: 0.5 a division"]
     assert "6 sweeps" in figure.texts[1].get_text()
 
@@ -110,3 +119,56 @@ def test_a_record_that_ends_early_shows_what_it_has() -> None:
 def test_what_cannot_be_shown_is_refused(signals, sweeps, said: str) -> None:
     with pytest.raises(RunError, match=said):
         oscilloscope(record(), signals, sweeps)
+
+
+REP_OP = """
+title: Ramp
+machine: ideal
+analog:
+  one: {constant: 1 V, full_scale: 2 V}
+  x: {integrate: {one: 100 1/s}, initial: 0 V, full_scale: 2 V}
+modes: {reset: 1 ms, operate: 4 ms, hold: 2 ms}
+run: {until: 20 ms, every: 0.3 ms}
+record: [one]
+"""
+
+
+def test_each_operation_is_a_sweep() -> None:
+    # Neither OP nor the whole operation is a whole number of rows.
+    data = hybrid.run(hybrid.parse_patch(REP_OP.replace("record: [one]\n", ""))).record
+    expected = [(1e-3 + k * 7e-3, 5e-3 + k * 7e-3) for k in range(3)]
+    assert np.allclose(sweeps_of(data, "x"), expected, rtol=1e-12)
+    (ramp,) = beams(oscilloscope(data, ["x"], sweeps_of(data, "x")))
+    assert len(ramp) == 3
+    for path in ramp:  # 0.1 V/ms in divisions of 0.5 ms and 0.1 V, whenever the rows are
+        assert path[:, 1] == pytest.approx(path[:, 0] * 0.5, abs=1e-9)
+
+
+def test_operations_that_signals_set_are_read_from_the_rows() -> None:
+    data = record(rows=11, until_s=1.0)
+    modes = np.array([0, 1, 1, 1, 2, 2, 0, 1, 1, 2, 0], dtype=float)
+    data["mode"] = ("time", modes, {"kind": "mode"})
+    assert np.allclose(sweeps_of(data, "wave"), [(0.1, 0.3), (0.7, 0.8)])
+
+
+def test_the_command(tmp_path, monkeypatch, capsys) -> None:
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "ramp.yaml").write_text(REP_OP)
+    assert main(["run", "ramp.yaml", "--scope", "x, one", "--no-chart"]) == 0
+    assert (tmp_path / "out" / "ramp_scope_x_one.png").read_bytes().startswith(b"\x89PNG")
+    assert sorted(xr.open_dataset("out/ramp.nc").data_vars) == ["mode", "one", "x"]
+    for wrong, said in (("y", "no signal 'y'"), ("x,x", "names a signal twice"), ("", "no signal")):
+        assert main(["run", "ramp.yaml", "--scope", wrong]) == 2
+        assert said in capsys.readouterr().err
+
+
+def test_the_plotters_pen_is_up_in_ic_and_hold() -> None:
+    from hybrid.charts import xy_plot
+
+    data = hybrid.run(hybrid.parse_patch(REP_OP.replace("record: [one]\n", ""))).record
+    figure = xy_plot(data, "one", "x")
+    pen = next(line for line in figure.axes[0].lines if line.get_label() == "pen")
+    drawn = np.isfinite(pen.get_ydata())
+    assert drawn.any()
+    assert not drawn.all()
+    assert "pen up in IC and HOLD" in " ".join(text.get_text() for text in figure.texts)

@@ -7,9 +7,11 @@ through the middle of its range. The latest is brightest; older ones fade as the
 
 from __future__ import annotations
 
+import json
 import math
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Collection, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -20,12 +22,15 @@ from matplotlib.figure import Figure
 from hybrid.charts import style
 from hybrid.charts.style import LINE_IN, number
 from hybrid.errors import RunError, did_you_mean, quoted
+from hybrid.modes import MODE_VARIABLE, OP
+from hybrid.storage import write_whole
 
 if TYPE_CHECKING:
     import xarray as xr
     from matplotlib.axes import Axes
     from numpy.typing import NDArray
 
+    from hybrid.patch import Patch
     from hybrid.storage import PlainRecord
 
     Recorded = xr.Dataset | PlainRecord
@@ -33,7 +38,8 @@ if TYPE_CHECKING:
 
 ACROSS, UPWARD = 10, 8  # divisions
 DIVISION_IN = 0.72
-LEFT_IN, BELOW_IN = 0.35, 0.35
+LEFT_IN, BELOW_IN = 0.35, 0.2
+LABEL_IN = 0.27  # a line below the screen
 SCREEN = "#0B1712"
 GRATICULE = "#2E4A3D"
 BEAMS = ("#8CFFC1", "#FFD27A", "#7FC8FF", "#FF9E9E", "#D9B3FF", "#F2F2F2")
@@ -61,7 +67,7 @@ class Trace:
 
     @property
     def label(self) -> str:
-        """Name and scale, as written on the screen."""
+        """Name and scale, as written below the screen."""
         scale = f"{number(self.per_division)} {style.unit_text(self.units)}".rstrip()
         return f"{self.name}: {scale} a division"
 
@@ -96,7 +102,8 @@ def oscilloscope(
     top_in = 0.62 + LINE_IN * (len(head) - 1)
     size_in = (ACROSS * DIVISION_IN, UPWARD * DIVISION_IN)
     with style.chart_style():
-        figure = Figure(figsize=(size_in[0] + 2 * LEFT_IN, top_in + size_in[1] + BELOW_IN))
+        below_in = BELOW_IN + LABEL_IN * len(traces)
+        figure = Figure(figsize=(size_in[0] + 2 * LEFT_IN, top_in + size_in[1] + below_in))
         style.draw_heading(figure, head)
         axes = style.axes_at(figure, (LEFT_IN, top_in, *size_in), "screen")
         _draw_screen(axes)
@@ -112,9 +119,68 @@ def oscilloscope(
             ]
             color = BEAMS[beam % len(BEAMS)]
             _draw_beam(axes, [np.column_stack(path) for path in paths], color, persistence)
-            place = (0.12, UPWARD / 2 - 0.25 - 0.32 * beam)
-            axes.text(*place, trace.label, color=color, va="center", parse_math=False, zorder=4)
+            place_in = (LEFT_IN + 0.05, top_in + size_in[1] + LABEL_IN * (beam + 0.75))
+            box = {"facecolor": SCREEN, "edgecolor": "none", "pad": 2.5}
+            style.write(figure, *place_in, trace.label, color=color, va="center", bbox=box)
     return figure
+
+
+def sweeps_of(record: Recorded, signal: str) -> list[tuple[float, float]]:
+    """The sweeps that a record asks for: its operations, or else those that `signal` triggers.
+
+    Operations by time start at exact instants; others at the first row that is in OP.
+    """
+    time_s = np.asarray(record["time"].values, dtype=np.float64)
+    if "operation" in record.attrs:
+        by_time = json.loads(record.attrs["operation"])
+        length_s = by_time["reset_s"] + by_time["operate_s"] + by_time["hold_s"]
+        count = by_time["operations"] or math.ceil(float(time_s[-1]) / length_s)
+        starts_s = [k * length_s + by_time["reset_s"] for k in range(count)]
+        return [(start_s, start_s + by_time["operate_s"]) for start_s in starts_s]
+    if MODE_VARIABLE in record.data_vars and record[MODE_VARIABLE].attrs.get("kind") == "mode":
+        operating = np.concatenate(
+            [[False], np.asarray(record[MODE_VARIABLE].values) == OP, [False]]
+        )
+        edges = np.flatnonzero(operating[1:] != operating[:-1]).reshape(-1, 2)
+        return [(float(time_s[first]), float(time_s[end - 1])) for first, end in edges]
+    return triggers(time_s, np.asarray(record[signal].values, dtype=np.float64))
+
+
+def parse_beams(text: str, signals: Collection[str]) -> tuple[str, ...]:
+    """Read 'SIGNAL,SIGNAL'; raises RunError for anything else."""
+    beams = tuple(name.strip() for name in text.split(","))
+    for name in beams:
+        if name not in signals:
+            hint = did_you_mean(name, signals)
+            raise RunError(
+                f"--scope {quoted(text)} must be SIGNAL or SIGNAL,SIGNAL; no signal {quoted(name)}; "
+                f"{hint}"
+            )
+    if len(set(beams)) < len(beams):
+        raise RunError(f"--scope {quoted(text)} names a signal twice")
+    return beams
+
+
+def with_beams(patch: Patch, texts: Sequence[str]) -> tuple[Patch, tuple[tuple[str, ...], ...]]:
+    """Read --scope options: the patch, recording also what is to be shown, and each screen's beams."""
+    screens = tuple(parse_beams(text, patch.signals) for text in texts)
+    if len(set(screens)) < len(screens):
+        raise RunError("--scope asks for the same screen twice")
+    if patch.record:  # one that names no signals records them all
+        wanted = (name for beams in screens for name in beams)
+        patch = replace(patch, record=tuple(dict.fromkeys((*patch.record, *wanted))))
+    return patch, screens
+
+
+def save_screens(record: Recorded, screens: Sequence[Sequence[str]], stem: Path) -> list[str]:
+    """Write each screen as `stem`_scope_SIGNALS.png; returns the names."""
+    files = []
+    for beams in screens:
+        figure = oscilloscope(record, beams, sweeps_of(record, beams[0]))
+        path = stem.with_name(f"{stem.name}_scope_{'_'.join(beams)}.png")
+        write_whole(path, lambda part, figure=figure: style.save(figure, part))  # type: ignore[misc]
+        files.append(str(path))
+    return files
 
 
 def triggers(time_s: Floats, values: Floats) -> list[tuple[float, float]]:

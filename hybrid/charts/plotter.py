@@ -1,8 +1,8 @@
 """The x-y plotter: one signal against another, on paper framed by their full scales.
 
-The pen is down from a given time to the end of the record. Signals of the same unit are drawn to
-the same scale, so that a circle is a circle. A converter or a word holds its value, so the pen draws
-steps where one axis holds and the other moves.
+The pen is down from a given time to the end of the record, of a machine with modes in OP only.
+Signals of the same unit are drawn to the same scale, so that a circle is a circle. A converter or a
+word holds its value, so the pen draws steps where one axis holds and the other moves.
 """
 
 from __future__ import annotations
@@ -21,6 +21,7 @@ from matplotlib.figure import Figure
 from hybrid.charts import style
 from hybrid.charts.style import LINE_IN, number
 from hybrid.errors import RunError, did_you_mean, quoted
+from hybrid.modes import MODE_VARIABLE, OP
 from hybrid.storage import write_whole
 
 if TYPE_CHECKING:
@@ -85,16 +86,17 @@ def xy_plot(record: Recorded, x: str, y: str, *, pen_down_from_s: float = 0.0) -
     if not math.isfinite(pen_down_from_s):
         raise RunError(f"the pen cannot come down at {pen_down_from_s} s; give a finite time")
     down = time_s >= pen_down_from_s
+    up = pen_is_up(record)[down]
     whole = record.attrs.get("status") not in BROKEN_OFF
     if whole and len(time_s) and not down.any():
         raise RunError(
             f"the pen would come down at {pen_down_from_s:g} s, after the record's end at "
             f"{time_s[-1]:g} s"
         )
-    across, upward = (_axis(record, name, down) for name in (x, y))
+    across, upward = (_axis(record, name, down, up) for name in (x, y))
     frames = _frames(across, upward)
     width_in, height_in = frames
-    head = _heading(record, across, upward, time_s[down])
+    head = _heading(record, across, upward, time_s[down], bool(up.any()))
     top_in = 0.62 + LINE_IN * (len(head) - 1)
     with style.chart_style(), matplotlib.rc_context({"agg.path.chunksize": 10_000}):
         figure = Figure(
@@ -105,6 +107,14 @@ def xy_plot(record: Recorded, x: str, y: str, *, pen_down_from_s: float = 0.0) -
         _draw_paper(axes, across, upward)
         _draw_pen(axes, across, upward, frames)
     return figure
+
+
+def pen_is_up(record: Recorded) -> NDArray[np.bool_]:
+    """Where the machine is in IC or HOLD, (rows,): the pen writes in OP only."""
+    if MODE_VARIABLE not in record.data_vars or record[MODE_VARIABLE].attrs.get("kind") != "mode":
+        return np.zeros(len(record["time"].values), dtype=bool)
+    up: NDArray[np.bool_] = np.asarray(record[MODE_VARIABLE].values) != OP
+    return up
 
 
 def parse_pair(text: str, signals: Collection[str]) -> Pair:
@@ -147,13 +157,13 @@ def save_plots(record: Recorded, pairs: Sequence[Pair], stem: Path) -> list[str]
 # -- from the record to the paper ------------------------------------------------------------------
 
 
-def _axis(record: Recorded, name: str, down: NDArray[np.bool_]) -> _Axis:
+def _axis(record: Recorded, name: str, down: NDArray[np.bool_], up: NDArray[np.bool_]) -> _Axis:
     available = [str(signal) for signal in record.data_vars]
     if name not in available:
         raise RunError(f"no signal {name!r} in the record; {did_you_mean(name, available)}")
     about = record[name].attrs
     values = np.asarray(record[name].values, dtype=np.float64)[down]
-    values = np.where(np.abs(values) < 1 / TINY, values, np.nan)
+    values = np.where((np.abs(values) < 1 / TINY) & ~up, values, np.nan)
     full_scale = float(about.get("full_scale", math.nan))
     limit = full_scale if math.isfinite(full_scale) and full_scale > 0 else 0.0
     peak = float(np.nanmax(np.abs(values), initial=0.0))
@@ -177,13 +187,14 @@ def _frames(across: _Axis, upward: _Axis) -> tuple[float, float]:
 
 
 def _heading(
-    record: Recorded, across: _Axis, upward: _Axis, time_s: Floats
+    record: Recorded, across: _Axis, upward: _Axis, time_s: Floats, lifted: bool
 ) -> list[tuple[str, str]]:
     about = record.attrs
     width_in = LEFT_IN + _frames(across, upward)[0] + RIGHT_IN
     facts = [*style.provenance(about)]
     if len(time_s):
         facts.append(f"pen down {style.duration(time_s[0])} to {style.duration(time_s[-1])}")
+    facts += ["pen up in IC and HOLD"] if lifted else []
     facts += [note for note in (across.note, upward.note) if note]
     title = str(about.get("title") or about.get("patch") or "Record")
     lines = [(line, style.INK) for line in textwrap.wrap(title, int(6.4 * width_in))[:1]]
