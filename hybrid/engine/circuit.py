@@ -10,6 +10,7 @@ is smooth there. Bounds of neighbouring pieces overlap where there is hysteresis
 
 from __future__ import annotations
 
+import functools
 import math
 from collections.abc import Mapping, Sequence
 from graphlib import TopologicalSorter
@@ -57,6 +58,10 @@ LOW, HIGH, AT, C0, C1, C2 = range(6)
 
 # What a corner guards: the sum u, the figure before saturation, or a limited integrator.
 OF_SUM, OF_OUTPUT, OF_INTEGRATOR = 0, 1, 2
+
+
+# Rank of an element at which a loop cannot be cut.
+FORGETS = 2
 
 
 class Circuit(NamedTuple):
@@ -225,27 +230,35 @@ class Builder:
         }
 
 
-def computing_order(elements: Mapping[str, Element]) -> tuple[list[str], tuple[int, int]]:
+def computing_order(elements: Mapping[str, Element]) -> tuple[tuple[str, ...], tuple[int, int]]:
     """Names such that few signals are read before they are computed, and those all remember.
 
     Loops are cut at one integrator, or else at one lag, until none is left; then every element follows
     those it reads. Returns the order and how many elements come before and up to the end of the loops.
     """
-    names = list(elements)
+    return _ordered(tuple((n, tuple(e.reads()), _rank(e)) for n, e in elements.items()))
+
+
+# The runs of a batch differ in figures, not in what reads what.
+@functools.lru_cache(maxsize=32)
+def _ordered(
+    parts: tuple[tuple[str, tuple[str, ...], int], ...],
+) -> tuple[tuple[str, ...], tuple[int, int]]:
+    """The same for parts of a name, what it reads and its rank."""
+    names, rank = [name for name, _, _ in parts], [rank for _, _, rank in parts]
     place = {name: i for i, name in enumerate(names)}
-    edges = {(place[r], place[n]) for n in names for r in elements[n].reads()}
+    edges = {(place[r], place[name]) for name, reads, _ in parts for r in reads}
     loops = [g for g in _groups(len(names), edges) if len(g) > 1 or (g[0], g[0]) in edges]
     looped = {i for g in loops for i in g}
-    kept, torn = set(edges), set[int]()
+    kept = set(edges)
     while loops:
         group = loops.pop()
-        cut = min(group, key=lambda i: (_rank(elements[names[i]]), -_fan(kept, i, group), i))
-        if not elements[names[cut]].remembers():
+        cut = min(group, key=lambda i: (rank[i], -_fan(kept, i, group), i))
+        if rank[cut] == FORGETS:
             raise ValueError(
                 f"a loop without integrator or lag: {', '.join(names[i] for i in group)}"
             )
         kept = {(a, b) for a, b in kept if a != cut or b not in group}
-        torn.add(cut)
         inside = {(a, b) for a, b in kept if a in group and b in group}
         loops += [g for g in _groups(len(names), inside) if len(g) > 1 or (g[0], g[0]) in inside]
     before, after = _reach(edges, looped, 0), _reach(edges, looped, 1)
@@ -253,11 +266,12 @@ def computing_order(elements: Mapping[str, Element]) -> tuple[list[str], tuple[i
     readers = {i: sorted(a for a, b in kept if b == i) for i in range(len(names))}
     ordered = sorted(TopologicalSorter(readers).static_order(), key=lambda i: section[i])
     heads, cores = section.count(0), section.count(0) + section.count(1)
-    return [names[i] for i in ordered], (heads, cores)
+    return tuple(names[i] for i in ordered), (heads, cores)
 
 
 def _rank(element: Element) -> int:
-    return 0 if element.kind == INTEGRATE else 1 if element.remembers() else 2
+    """Where a loop is cut first."""
+    return 0 if element.kind == INTEGRATE else 1 if element.remembers() else FORGETS
 
 
 def _fan(edges: set[tuple[int, int]], i: int, group: Sequence[int]) -> int:
