@@ -254,7 +254,7 @@ def _settled(machine: Machine) -> tuple[list[float], dict[str, float]]:
         values, drives = settled(machine)
         shown = dict(zip(analog.signals, values, strict=True))
         for name, element in machine.elements:
-            if element.kind == INTEGRATE:  # its leak is no input
+            if element.kind == INTEGRATE and name in drives:  # its leak is no input
                 begins = shown[name] if element.second else element.initial
                 drives[name] += element.figures[0] * begins
         return values, drives

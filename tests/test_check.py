@@ -220,3 +220,25 @@ def test_the_command_writes_no_files(tmp_path, monkeypatch, capsys):
     assert main(["check", "scales.yaml", "--json"]) == 0
     assert json.loads(capsys.readouterr().out)["trial"]["status"] == "complete"
     assert [p.name for p in tmp_path.iterdir()] == ["scales.yaml"]
+
+
+@pytest.mark.parametrize(
+    "source",
+    [
+        "{ramp: 1 V/s, full_scale: 1 V}",
+        "{delay: {one: 1}, time: 1 ms, full_scale: 1 V}",
+        "{sawtooth: 1 V, period: 1 ms, full_scale: 1 V}",
+    ],
+)
+def test_hidden_integrators_are_no_rows_of_the_static_check(source: str) -> None:
+    text = f"""
+title: Hidden
+machine: ideal
+analog:
+  one: {{constant: 0.5 V, full_scale: 1 V}}
+  s: {source}
+  p: {{multiply: [one, s], full_scale: 1 V^2, unit: V^2}}
+run: {{until: 2 ms, every: 1 ms}}
+"""
+    found = hybrid.check(hybrid.parse_patch(text), trial=False)
+    assert [row.signal for row in found.scaling] == ["one", "p", "s"]

@@ -265,8 +265,9 @@ def settle_loops(side: Side, held: Floats) -> None:
     for _ in range(MOST_PASSES):
         before = state.start.copy()
         settle(side.circuit, state, 0.0, 0.0, side.log, True)
-        if np.all(np.abs(state.start - before) <= 1e-15 * np.maximum(1.0, np.abs(before))):
-            return
+        with np.errstate(invalid="ignore"):  # of a quotient by 0, at which the run will stop
+            if np.all(np.abs(state.start - before) <= 1e-15 * np.maximum(1.0, np.abs(before))):
+                return
     state.start[:], state.memory[:], state.piece[:] = start, memory, piece
 
 
