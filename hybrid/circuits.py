@@ -187,6 +187,8 @@ class _CircuitLayout(AnalogLayout):
             yield name, _with_errors(Element(INPUT), stage)
         elif not CATALOG[self.components[name].kind].is_linear:
             yield from self._nonlinear(name, stage)
+        elif self.components[name].kind == "noise_source":
+            yield from self._noise(name, stage)
         elif self.cores[name].dynamic:
             yield from self._dynamic(name, stage)
         else:
@@ -215,6 +217,26 @@ class _CircuitLayout(AnalogLayout):
         constant = self.checked(name, core.constant / full_scale)
         yield name, _with_errors(Element(SUM, first, constant), stage)
 
+    def _noise(self, name: str, stage: OutputStage) -> Elements:
+        """White noise through a lag of the noise's bandwidth, from 0 on; no mode stops it."""
+        core, generator = self.cores[name], f"{name}:core"
+        made = Element(
+            SUM,
+            constant=stage.offset,
+            initial_output=0.0,
+            lag_s=-1.0 / core.feedback,
+            noise=stage.gain * self.checked(name, core.noise / self.scale[name]),
+            loud=True,
+        )
+        output = Element(
+            SUM,
+            {generator: 1.0},
+            saturation=stage.saturation,
+            lag_s=stage.tau,
+            noise=stage.noise,
+        )
+        return (generator, made), (name, output)
+
     def _dynamic(self, name: str, stage: OutputStage) -> Iterator[tuple[str, Element]]:
         """An integrator, or a lag that the problem wants."""
         core, full_scale = self.cores[name], self.scale[name]
@@ -224,12 +246,13 @@ class _CircuitLayout(AnalogLayout):
         time_s = -1.0 / core.feedback if core.feedback else math.inf
         settled = {signal: gain * time_s for signal, gain in first.items() if core.initial is None}
         if core.initial is None and not self.patch.leaves_op:
-            lag = _with_errors(Element(SUM, settled), replace(stage, tau=time_s))
+            lag = _with_errors(Element(SUM, settled), replace(stage, tau=time_s, noise=0.0))
             if stage.tau == 0.0:
                 yield name, lag
                 return
             yield f"{name}:core", lag
-            yield name, Element(SUM, {f"{name}:core": 1.0}, lag_s=stage.tau)
+            wanted = Element(SUM, {f"{name}:core": 1.0}, lag_s=stage.tau, noise=stage.noise)
+            yield name, wanted
             return
         if core.initial is None:
             follows = {signal: gain * stage.gain for signal, gain in settled.items()}
@@ -256,6 +279,7 @@ class _CircuitLayout(AnalogLayout):
             initial=initial,
             saturation=stage.saturation,
             lag_s=stage.tau,
+            noise=stage.noise,
             reset=self._gate(component.reset_when),
             hold=self._gate(component.hold_when),
         )
@@ -316,7 +340,8 @@ def _in_loop(name: str, integrator: Element, core: Core) -> Elements:
         initial_output=integrator.initial,
         lag_s=1.0 / rate,
     )
-    return (held, lag), (name, Element(SUM, {held: 1.0}, lag_s=integrator.lag_s))
+    output = Element(SUM, {held: 1.0}, lag_s=integrator.lag_s, noise=integrator.noise)
+    return (held, lag), (name, output)
 
 
 def _block(name: str, block: Block, first: Mapping[str, float]) -> Elements:
@@ -343,4 +368,5 @@ def _with_errors(element: Element, stage: OutputStage) -> Element:
         offset=stage.offset,
         saturation=stage.saturation,
         lag_s=stage.tau,
+        noise=stage.noise,
     )

@@ -115,7 +115,7 @@ def _run(options: argparse.Namespace, filing: Filing) -> int:
     stem = Path(output_name(options.out)) / Path(patch.file).stem
     writable(*(stem.with_name(stem.name + suffix) for suffix in (".nc", ".png")))
     prediction = _prediction(machine_of(*ordered) if circuit else machine)
-    say_if_compiling(engine)
+    say_if_compiling(machine, engine)
     interrupts.hear()
     with Progress("running") as progress:
         result = run(machine, seed=options.seed, progress=progress, engine=engine)
@@ -213,7 +213,7 @@ def sweep_command(options: argparse.Namespace) -> int:
         patch, name, values, parameters, options.machine, options.serial, options.jobs
     )
     writable(out, out.with_suffix(".png"))
-    say_if_compiling(engine_of(first, "auto"))
+    say_if_compiling(first, engine_of(first, "auto"))
     interrupts.hear()
     with Progress("sweeping") as progress:
         result = sweep(
@@ -257,7 +257,7 @@ def batch_command(options: argparse.Namespace) -> int:
     out = batch_file(options, patch)
     first = check_batch(patch, orders, differ, options.machine, options.jobs)
     writable(out, out.with_suffix(".png"))
-    say_if_compiling(engine_of(first, "auto"))
+    say_if_compiling(first, engine_of(first, "auto"))
     interrupts.hear()
     with Progress("running") as progress:
         result = batch(
@@ -325,7 +325,7 @@ def check_command(options: argparse.Namespace) -> int:
 
     machine = machine_of(patch, parameters, options.machine, options.serial)
     if not options.no_trial or machine.elements:
-        say_if_compiling(engine_of(machine, "auto"))
+        say_if_compiling(machine, engine_of(machine, "auto"))
     result = check(machine, trial=not options.no_trial)
     if options.json:
         print_json(**result.to_dict())

@@ -7,7 +7,8 @@ Stage 1. An element, in the order things happen to its signal:
    state is w, in HOLD its u is the constant alone (or it stays as it is: figures of a wanted lag);
 3. gain * v + offset, gain = 1 + its error;
 4. saturation at +-level (an integrator stops there instead: its state does not wind up);
-5. lag: lag_s * y' = v - y.
+5. lag: lag_s * y' = v - y;
+6. noise: white noise into that lag, so that it adds `noise` (rms) to the output.
 
 What is not smooth is cut into pieces: each a parabola in the guarded quantity g, a row (low, high, at,
 c0, c1, c2) for c0 + c1 (g - at) + c2 (g - at)^2, valid from low to high. Bounds of neighbouring pieces
@@ -54,6 +55,8 @@ class Element:
     offset: float = 0.0
     saturation: float = math.inf
     lag_s: float = 0.0
+    noise: float = 0.0
+    loud: bool = False  # its square matters, too: windows show the noise, not only its averages
 
     def reads(self) -> Iterable[str]:
         """Names of the signals it needs at the same instant."""

@@ -241,7 +241,7 @@ def ending(player: Player) -> tuple[str, str]:
             "or a root or logarithm of a negative number)"
         )
     machine = player.machine
-    notes = (_held_note(player), _short_note(machine), _left_out(machine))
+    notes = (_held_note(player), _short_note(machine), _left_out(player))
     return "complete", "; ".join(filter(None, notes))
 
 
@@ -253,14 +253,15 @@ def _held_note(player: Player) -> str:
     return f"in HOLD since {player.held_s:.9g} s: {first} went beyond its full scale"
 
 
-def _left_out(machine: Machine) -> str:
+def _left_out(player: Player) -> str:
     """What the engine does not play of this machine; ''."""
+    machine = player.machine
     sources = {c.name for c in machine.patch.components if c.kind == "noise_source"}
     noisy = sorted(n for n, stage in machine.stages.items() if stage.noise > 0.0 or n in sources)
-    if not machine.elements or not noisy:
+    if player.plays_noise or not noisy:
         return ""
     return (
-        "noise left out: only the exact engine plays noise yet "
+        "noise left out: the reference engine plays none "
         f"({', '.join(noisy[:3])}{' ...' if len(noisy) > 3 else ''})"
     )
 

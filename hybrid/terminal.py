@@ -16,6 +16,8 @@ from hybrid.errors import one_line
 if TYPE_CHECKING:
     from rich.console import Console
 
+    from hybrid.machine import Machine
+
 # A bar for less than this would only flicker.
 SHOW_PROGRESS_AFTER_S = 0.7
 # Lines that go to a file or another program are broken later than those on a terminal.
@@ -42,7 +44,7 @@ def say(message: str) -> None:
         print(f"hybrid: {one_line(message)}", file=sys.stderr)
 
 
-def say_if_compiling(engine: str) -> None:
+def say_if_compiling(machine: Machine, engine: str) -> None:
     """The first run after installation takes a while; say why."""
     from hybrid.engine import kernel
 
@@ -51,7 +53,8 @@ def say_if_compiling(engine: str) -> None:
     if engine == "nonlinear":
         from hybrid.engine.windows import play_circuit
 
-        if not kernel.is_compiled(play_circuit):
+        noisy = any(element.noise > 0.0 for _, element in machine.elements)
+        if not kernel.is_compiled(play_circuit, "Noise(" if noisy else "none"):
             say("compiling the nonlinear engine, once after installation: a minute or two ...")
 
 

@@ -91,8 +91,10 @@ def _without_noise(machine: Machine) -> Machine:
     """Nor does it end at an overload: how far a signal would go is what is asked."""
     quiet = {name: replace(stage, noise=0.0) for name, stage in machine.stages.items()}
     analog = replace(machine.analog, noise=np.zeros_like(machine.analog.noise))
+    elements = tuple((name, replace(e, noise=0.0)) for name, e in machine.elements)
     run = replace(machine.patch.run, on_overload="continue")
-    return replace(machine, patch=replace(machine.patch, run=run), analog=analog, stages=quiet)
+    patch = replace(machine.patch, run=run)
+    return replace(machine, patch=patch, analog=analog, stages=quiet, elements=elements)
 
 
 def _seen(

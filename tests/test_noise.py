@@ -10,7 +10,10 @@ import numpy as np
 import pytest
 from scipy.linalg import expm
 
+from hybrid.compiler import compile_patch
 from hybrid.engine.linear import Player
+from hybrid.engine.windows import CircuitPlayer
+from hybrid.patchfile import parse_patch
 from hybrid.record import pens_for
 from hybrid.timeline import build_timeline
 
@@ -192,8 +195,9 @@ def cycle_of_covariance():
 def finish_all(machine, runs):
     """Records of runs with the seeds 0, 1, ...: (runs, rows, signals)."""
     timeline, pens, records = build_timeline(machine), pens_for(machine), []
+    kind = CircuitPlayer if machine.elements else Player
     for seed in range(runs):
-        player = Player(machine, timeline, pens, seed)
+        player = kind(machine, timeline, pens, seed)
         for _ in player.play():
             pass
         assert player.overloads() == ()
@@ -207,10 +211,10 @@ def columns(machine, names):
     return [recorded.index(name) for name in names]
 
 
-@pytest.fixture(scope="module")
-def ensemble(compiled, play):
+@pytest.fixture(scope="module", params=[False, True], ids=["exact engine", "nonlinear engine"])
+def ensemble(request, play):
     """Deviations from the quiet run, (runs, rows, signals of SHOWN)."""
-    machine = compiled(LOOP)
+    machine = compile_patch(parse_patch(LOOP), as_circuit=request.param)
     quiet = play(LOOP, {"on": 0.0})
     calm = np.stack([quiet[name] for name in SHOWN], axis=1)
     return finish_all(machine, RUNS)[:, :, columns(machine, SHOWN)] - calm

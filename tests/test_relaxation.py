@@ -43,6 +43,7 @@ class Run:
             self.rtol,
             self.log,
             no_pen() if pen is None else pen,
+            None,
         )
         self.t_s += reached
         return outcome

@@ -41,8 +41,9 @@ from hybrid.engine.kernel import Floats, Ints
 # Columns of Circuit.rows: kind; terms FIRST to SECOND make u, SECOND to END make w; the element that
 # controls a switch or store, or whose value is a mode (of INPUT: its place in State.held); rows in laws
 # of the integrator and of the lag; corners of the function and of the saturation; 1 where an element
-# computed earlier reads this one; elements that reset and hold while they are high. -1: none.
-KIND, FIRST, SECOND, END, CONTROL, LAW, LAG, CORNER, STOP, TEAR, RESET, HOLD_BY = range(12)
+# computed earlier reads this one; elements that reset and hold while they are high; row in noisy.
+# -1: none.
+KIND, FIRST, SECOND, END, CONTROL, LAW, LAG, CORNER, STOP, TEAR, RESET, HOLD_BY, NOISE = range(13)
 # Columns of Circuit.figures; the last three depend on the kind.
 CONSTANT, SECOND_CONSTANT, GAIN, OFFSET = 0, 1, 2, 3
 AMPLITUDE, OMEGA, PHASE = 4, 5, 6  # of SINE
@@ -56,12 +57,27 @@ OWNER, ROLE, FIRST_PIECE, END_PIECE = 0, 1, 2, 3
 # c0 + c1 (g - AT) + c2 (g - AT)^2.
 LOW, HIGH, AT, C0, C1, C2 = range(6)
 
+# Columns of Circuit.noisy: element, row in noise_rates.
+SOURCE, RATE = 0, 1
+
 # What a corner guards: the sum u, the figure before saturation, or a limited integrator.
 OF_SUM, OF_OUTPUT, OF_INTEGRATOR = 0, 1, 2
 
 
 # Rank of an element at which a loop cannot be cut.
 FORGETS = 2
+# Before an instant at which signals are seen, noise is resolved by a window of so many lags. What up to
+# four lags make of noise is then right to 1.5e-3 of its variance (tests/test_projection.py).
+TAIL_LAGS = 11.0
+# In relation to that of the noise.
+LEAST_LAG = 0.01
+# Windows of so many lags at most show loud noise. Of a Wiener process of variance 1 per window a
+# polynomial of degree 6 leaves out sum(1 / (2 (2 m - 1) (2 m + 3)), m > 6) = 0.018 on the average, so of
+# the mean square of the noise n less than 2 * LOUD_LAGS * 0.018 = 0.12 %. A corner is taken on the side
+# of the start, where E[sign(n(0)) n(t)] falls as exp(-t / lag): LOUD_LAGS / 2 = 1.6 % of mean |n|.
+LOUD_LAGS = 1 / 32
+# Kinds that are linear in their inputs.
+LINEAR = frozenset({INPUT, INTEGRATE, MODE, SINE, SUM, SWITCH, TRACK})
 
 
 class Circuit(NamedTuple):
@@ -71,7 +87,7 @@ class Circuit(NamedTuple):
     [cores, n) drive nothing that is in a loop.
     """
 
-    rows: Ints  # (n, 12): see the columns above
+    rows: Ints  # (n, 13): see the columns above
     figures: Floats  # (n, 7): see the columns above
     signal: npt.NDArray[np.uint64]  # (terms,); unsigned: a sign would be looked at each time
     gain: Floats  # (terms,)
@@ -84,13 +100,19 @@ class Circuit(NamedTuple):
         Floats  # (n, 2): integrator's state or what a store holds; lagged output (nan: settled)
     )
     initial_piece: Ints  # (corners,)
+    noisy: Ints  # (noisy, 2): see the columns above
+    noise: Floats  # (noisy,): rms
+    noise_rates: Floats  # distinct rates at which noise forgets, 1/s
+    tails_s: Floats  # before an instant, no longer window ends within these; descending
+    longest_s: float  # no window is longer
+    grain: float  # largest rms of noise that is not loud
 
 
 class Builder:
     """Collects elements by name and lays them out as a `Circuit`.
 
     `errors` are the fields of `Element` that any of them may have: gain (1 plus its error), offset,
-    saturation, lag_s, initial_output.
+    saturation, lag_s, noise (needs a lag), initial_output.
     """
 
     def __init__(self) -> None:
@@ -311,7 +333,10 @@ def lay_out(
     row = [elements[name] for name in order]
     laws: dict[tuple[float, float], int] = {}
     corners: list[tuple[int, int, Sequence[tuple[float, ...]], int]] = []
-    rows, figures = np.full((len(row), 12), -1), np.zeros((len(row), 7))
+    noisy = [i for i, e in enumerate(row) if e.noise > 0.0]
+    noise_rates = sorted({1.0 / row[i].lag_s for i in noisy})
+    noisy_rows = [(i, noise_rates.index(1.0 / row[i].lag_s)) for i in noisy]
+    rows, figures = np.full((len(row), 13), -1), np.zeros((len(row), 7))
     for i, (name, e) in enumerate(zip(order, row, strict=True)):
         rows[i, KIND], rows[i, CONTROL] = e.kind, _control(name, e, inputs, place)
         rows[i, RESET] = -1 if e.reset is None else place[e.reset]
@@ -333,17 +358,19 @@ def lay_out(
         if e.lag_s > 0.0:
             rows[i, LAG] = laws.setdefault((1.0 / e.lag_s, 1.0 / e.lag_s), len(laws))
         rows[i, TEAR] = any(name in other.reads() for other in row[: i + 1])
+        rows[i, NOISE] = noisy.index(i) if e.noise > 0.0 else -1
     sums = [terms for e in row for terms in (e.first, e.second)]
     ends = np.cumsum([0] + [len(terms) for terms in sums])
     rows[:, FIRST], rows[:, SECOND], rows[:, END] = ends[:-1:2], ends[1::2], ends[2::2]
     piece_ends = np.cumsum([0] + [len(c[2]) for c in corners])
+    taus_s = np.array(sorted({1.0 / rate for rate, _ in laws if rate > 0.0}))
     return Circuit(
         rows,
         figures,
         np.array([place[name] for terms in sums for name in terms], dtype=np.uint64),
         np.array([gain for terms in sums for gain in terms.values()], dtype=float),
         np.array(list(laws), dtype=float).reshape(-1, 2),
-        np.array(sorted({1.0 / rate for rate, _ in laws if rate > 0.0})),
+        taus_s,
         np.array(
             [(c[0], c[1], piece_ends[k], piece_ends[k + 1]) for k, c in enumerate(corners)],
             dtype=np.int64,
@@ -352,7 +379,35 @@ def lay_out(
         np.array(ranges),
         np.array([(e.initial, e.initial_output) for e in row]).reshape(-1, 2),
         np.array([c[3] for c in corners], dtype=np.int64),
+        np.array(noisy_rows, dtype=np.int64).reshape(-1, 2),
+        np.array([row[i].noise for i in noisy], dtype=float),
+        np.array(noise_rates, dtype=float),
+        _tails(taus_s, noise_rates),
+        _longest(row, place),
+        max((e.noise for e in row if not e.loud), default=0.0),
     )
+
+
+def _tails(taus_s: Floats, noise_rates: Sequence[float]) -> Floats:
+    """Lengths of the windows that resolve noise before an instant, longest first.
+
+    A lag much shorter than that of the noise lets it pass as it is.
+    """
+    if not noise_rates:
+        return np.zeros(0)
+    return TAIL_LAGS * taus_s[taus_s > LEAST_LAG / noise_rates[-1]][::-1]
+
+
+def _longest(row: Sequence[Element], place: Mapping[str, int]) -> float:
+    """Windows that show loud noise where it reaches what is not linear."""
+    edges = {(place[r], i) for i, e in enumerate(row) for r in e.reads()}
+
+    def distorted(i: int) -> bool:
+        reached = [row[k] for k in _reach(edges, {i}, 1)]
+        return any(e.kind not in LINEAR or e.limits or math.isfinite(e.saturation) for e in reached)
+
+    loud = [e.lag_s for i, e in enumerate(row) if e.loud and e.noise > 0.0 and distorted(i)]
+    return LOUD_LAGS * min(loud, default=math.inf)
 
 
 def _control(name: str, element: Element, inputs: Sequence[str], place: Mapping[str, int]) -> int:

@@ -44,7 +44,7 @@ from hybrid.engine.circuit import (
     WHICH,
     Circuit,
 )
-from hybrid.engine.kernel import Floats, Ints, compiled
+from hybrid.engine.kernel import Floats, Ints, compiled, inlined
 from hybrid.engine.nodes import Nodes
 from hybrid.engine.sweep import (
     AS,
@@ -114,12 +114,21 @@ def _right_piece(
             return float(piece_of(circuit.pieces, p, g))
 
 
-@compiled
-def _sum_at_start(circuit: Circuit, state: State, constant: float, first: int, end: int) -> float:
+@inlined
+def sum_at(
+    start: Floats, signal: Ints, gain: Floats, constant: float, first: int, end: int
+) -> float:
+    """A sum at an instant, its terms first to end."""
     total = constant
     for t in range(first, end):
-        total += circuit.gain[t] * state.start[circuit.signal[t]]
-    return float(total)
+        total += gain[t] * start[signal[t]]
+    return total
+
+
+@inlined
+def moves(rows: Ints, laws: Floats, e: int, moving_s: float) -> bool:
+    """Whether element e has a lag shorter than moving_s."""
+    return bool(rows[e, LAG] >= 0 and laws[rows[e, LAG], 0] * moving_s > 1.0)
 
 
 @compiled
@@ -145,34 +154,34 @@ def _stop_integrator(circuit: Circuit, state: State, e: int, t_s: float, log: Lo
 
 
 @compiled
-def _mode_of(circuit: Circuit, state: State, e: int) -> int:
+def _mode_of(circuit: Circuit, lead: State, e: int) -> int:
     """The mode of an integrator or of the machine: what gives its number, what resets, what holds."""
     rows, mode = circuit.rows, OP
-    if state.counts[FROZEN] > 0:
+    if lead.counts[FROZEN] > 0:
         return HOLD
     if rows[e, CONTROL] >= 0:
-        mode = int(state.memory[rows[e, CONTROL], BEFORE])
+        mode = int(lead.memory[rows[e, CONTROL], BEFORE])
     by = rows[e, RESET]
-    if mode == IC or (by >= 0 and is_high(rows, state.piece, state.memory, by)):
+    if mode == IC or (by >= 0 and is_high(rows, lead.piece, lead.memory, by)):
         return IC
     by = rows[e, HOLD_BY]
-    if by >= 0 and is_high(rows, state.piece, state.memory, by):
+    if by >= 0 and is_high(rows, lead.piece, lead.memory, by):
         return HOLD
     return mode
 
 
 @compiled
 def _set_integrator(
-    circuit: Circuit, state: State, e: int, u: float, t_s: float, log: Log, first: bool
+    circuit: Circuit, state: State, e: int, mode: int, u: float, t_s: float, log: Log, first: bool
 ) -> bool:
-    """Take its mode, and in IC or at first its initial value; whether that moved it."""
-    rows, before = circuit.rows, state.memory[e, X]
-    mode, corner = _mode_of(circuit, state, e), rows[e, CORNER]
+    """Put it into its mode, in IC or at first at its initial value; whether that moved it."""
+    rows, before, corner = circuit.rows, state.memory[e, X], circuit.rows[e, CORNER]
     state.memory[e, AS] = mode
     state.memory[e, DRIVE] = circuit.figures[e, CONSTANT] if mode == HOLD else u
     if mode == IC or (first and rows[e, END] > rows[e, SECOND]):
-        w = _sum_at_start(
-            circuit, state, circuit.figures[e, SECOND_CONSTANT], rows[e, SECOND], rows[e, END]
+        constant = circuit.figures[e, SECOND_CONSTANT]
+        w = sum_at(
+            state.start, circuit.signal, circuit.gain, constant, rows[e, SECOND], rows[e, END]
         )
         state.memory[e, X] = w
         if corner >= 0:
@@ -191,85 +200,101 @@ def _set_integrator(
 
 
 @compiled
-def _output(circuit: Circuit, state: State, e: int, v: float, t_s: float, log: Log) -> float:
-    """Gain, offset and saturation at an instant."""
-    v = circuit.figures[e, GAIN] * v + circuit.figures[e, OFFSET]
-    stop = circuit.rows[e, STOP]
-    if stop >= 0:
-        state.guard_start[stop] = v
-        v = _right_piece(circuit, state, stop, v, t_s, log)
-    return v
-
-
-@compiled
 def settle(
-    circuit: Circuit, state: State, call_s: float, t_s: float, log: Log, lags_too: bool
+    circuit: Circuit,
+    state: State,
+    lead: State,
+    call_s: float,
+    t_s: float,
+    log: Log,
+    lags_too: bool,
+    moving_s: float,
 ) -> None:
     """Signals and pieces right after a jump, t_s into a call that began at call_s.
 
     What remembers stays; the rest follows in order, and once more where an integrator or a store that
-    its mode made to follow is read earlier in the order. `lags_too` lets lagged outputs follow as well.
+    its mode made to follow is read earlier in the order. `lags_too` lets lagged outputs follow as well;
+    those whose lag is shorter than `moving_s` move by as much as their input. Modes, and what stores do,
+    are those of `lead`: the same state, unless another leads it.
     """
-    rows = circuit.rows
-    n = rows.shape[0]
-    for e in range(n):
-        follows = circuit.rows[e, LAG] < 0 or (lags_too and math.isnan(circuit.initial[e, 1]))
-        if circuit.rows[e, KIND] == INTEGRATE and follows:
-            state.start[e] = _output(circuit, state, e, state.memory[e, X], t_s, log)
-    for _ in range(n + 1):
-        if not _settle_in_order(circuit, state, call_s, t_s, log, lags_too):
+    rows, figures, memory, start = circuit.rows, circuit.figures, state.memory, state.start
+    for e in range(rows.shape[0]):
+        if rows[e, KIND] != INTEGRATE:
+            continue
+        v, before = figures[e, GAIN] * memory[e, X] + figures[e, OFFSET], memory[e, BEFORE]
+        if rows[e, LAG] < 0 or (lags_too and math.isnan(circuit.initial[e, 1])):
+            start[e] = v
+        elif moves(rows, circuit.laws, e, moving_s):
+            memory[e, BEFORE] = v
+            start[e] += v - before
+    for _ in range(rows.shape[0] + 1):
+        if not _settle_in_order(circuit, state, lead, call_s, t_s, log, lags_too, moving_s):
             break
 
 
 @compiled
 def _settle_in_order(
-    circuit: Circuit, state: State, call_s: float, t_s: float, log: Log, lags_too: bool
+    circuit: Circuit,
+    state: State,
+    lead: State,
+    call_s: float,
+    t_s: float,
+    log: Log,
+    lags_too: bool,
+    moving_s: float,
 ) -> bool:
     """One pass of `settle`; whether an integrator or a store moved that had been read before."""
-    rows, moved = circuit.rows, False
+    # Plain names, and no calls with arrays on the common path: both would count references.
+    rows, figures, signal, gain = circuit.rows, circuit.figures, circuit.signal, circuit.gain
+    laws, initial = circuit.laws, circuit.initial
+    start, memory, piece = state.start, state.memory, state.piece
+    moved = False
     for e in range(rows.shape[0]):
-        kind = circuit.rows[e, KIND]
-        follows = circuit.rows[e, LAG] < 0 or (lags_too and math.isnan(circuit.initial[e, 1]))
-        u = _sum_at_start(
-            circuit, state, circuit.figures[e, CONSTANT], rows[e, FIRST], rows[e, SECOND]
-        )
+        kind, corner, stop = rows[e, KIND], rows[e, CORNER], rows[e, STOP]
+        follows = rows[e, LAG] < 0 or (lags_too and math.isnan(initial[e, 1]))
+        u = sum_at(start, signal, gain, figures[e, CONSTANT], rows[e, FIRST], rows[e, SECOND])
         v = u
         if kind == INTEGRATE:
-            jumped = _set_integrator(circuit, state, e, u, t_s, log, lags_too)
+            mode = _mode_of(circuit, lead, e)
+            jumped = _set_integrator(circuit, state, e, mode, u, t_s, log, lags_too)
             moved |= jumped and follows and rows[e, TEAR] != 0
-            v = state.memory[e, X]
+            v = memory[e, X]
         elif kind == PIECES:
-            state.guard_start[circuit.rows[e, CORNER]] = u
-            v = _right_piece(circuit, state, circuit.rows[e, CORNER], u, t_s, log)
+            state.guard_start[corner] = u
+            v = _right_piece(circuit, state, corner, u, t_s, log)
         elif kind == INPUT:
-            v = state.held[circuit.rows[e, CONTROL]]
+            v = state.held[rows[e, CONTROL]]
         elif kind == MODE:
-            which, mode = circuit.figures[e, WHICH], _mode_of(circuit, state, e)
+            which, mode = figures[e, WHICH], _mode_of(circuit, lead, e)
             v = 1.0 if mode == which else 0.0
             if which == NUMBER:
                 v = float(mode)
         elif kind == SINE:
-            figures = circuit.figures
             v = figures[e, AMPLITUDE] * math.sin(
                 figures[e, OMEGA] * (call_s + t_s) + figures[e, PHASE]
             )
-        elif kind == TRACK and not is_high(rows, state.piece, state.memory, rows[e, CONTROL]):
-            state.start[e] = state.memory[e, BEFORE] if follows else state.start[e]
+        elif kind == TRACK and not is_high(rows, lead.piece, lead.memory, rows[e, CONTROL]):
+            if follows:
+                start[e] = memory[e, BEFORE]
             continue
         elif kind != SUM and kind != TRACK:
-            w = _sum_at_start(
-                circuit, state, circuit.figures[e, SECOND_CONSTANT], rows[e, SECOND], rows[e, END]
+            w = sum_at(
+                start, signal, gain, figures[e, SECOND_CONSTANT], rows[e, SECOND], rows[e, END]
             )
             if kind == SWITCH:
-                high = is_high(rows, state.piece, state.memory, rows[e, CONTROL])
-                v = u if high else w
+                v = u if is_high(rows, piece, memory, rows[e, CONTROL]) else w
             else:
-                v = function_of(kind, u, w, circuit.figures[e, EXPONENT])
-        v = _output(circuit, state, e, v, t_s, log)
-        state.memory[e, BEFORE] = v
+                v = function_of(kind, u, w, figures[e, EXPONENT])
+        v, before = figures[e, GAIN] * v + figures[e, OFFSET], memory[e, BEFORE]
+        if stop >= 0:
+            state.guard_start[stop] = v
+            v = _right_piece(circuit, state, stop, v, t_s, log)
+        memory[e, BEFORE] = v
         if follows:
-            moved |= kind == TRACK and rows[e, TEAR] != 0 and state.start[e] != v
-            state.start[e] = v
+            moved |= kind == TRACK and rows[e, TEAR] != 0 and start[e] != v
+            start[e] = v
+        elif moves(rows, laws, e, moving_s):
+            start[e] += v - before
     return moved
 
 

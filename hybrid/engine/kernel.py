@@ -400,15 +400,20 @@ def play(
     return outcome
 
 
-def is_compiled(function: Any = None) -> bool:
-    """Whether a kernel on disk is of this source, Python, numba and processor: numba loads no other."""
+def is_compiled(function: Any = None, argument: str = "") -> bool:
+    """Whether a kernel on disk is of this source, Python, numba and processor: numba loads no other.
+
+    `argument`: only one for an argument whose type has this in its name.
+    """
     try:
         asked = function or play
         cache, codegen = asked._cache, asked.targetctx.codegen()
         index = cache._cache_file._load_index()
         folder = Path(cache.cache_path)
         return any(
-            key == cache._index_key(key[0], codegen) and (folder / data).exists()
+            key == cache._index_key(key[0], codegen)
+            and argument in str(key[0])
+            and (folder / data).exists()
             for key, data in index.items()
         )
     except AttributeError:  # another numba, or one told not to compile: better silent than wrong

@@ -45,6 +45,8 @@ class Overload:
 class Player:
     """One run of one machine, in progress."""
 
+    plays_noise = True
+
     def __init__(
         self,
         machine: Machine,
@@ -55,6 +57,7 @@ class Player:
     ) -> None:
         """Prepare the run; nothing is played yet. `keep_every`: rows of the record kept, 1 in n."""
         self.machine, self.timeline, self.keep_every = machine, timeline, keep_every
+        self.seed = seed
         intervals, self.offsets, self.scores = _score(machine, timeline)
         self.plant = self._analog_side(intervals)
         self.coupling, self.deck, self.pens = (
@@ -64,7 +67,6 @@ class Player:
         )
         self.state = self._first_state()
         self.rows = np.empty((-(-timeline.rows // keep_every), len(pens)))
-        self.seed = seed
         self.segment = 0
         self.outcome = kernel.PAUSED
         self._draws = [_draws(score.cues, self.plant.draws) for score in self.scores]

@@ -147,6 +147,23 @@ def shelved(shelf: Shelf, grid: Nodes, laws: Floats, length_s: float) -> int:
     for slot in range(slots):
         if shelf.lengths_s[slot] == length_s:
             return slot
+    slot = free_slot(shelf, length_s)
+    for law in range(laws.shape[0]):
+        law_weights(
+            grid,
+            laws[law, 0],
+            laws[law, 1],
+            length_s,
+            shelf.weights[slot, law],
+            shelf.decay[slot, law],
+        )
+    return int(slot)
+
+
+@compiled
+def free_slot(shelf: Shelf, length_s: float) -> int:
+    """The slot for the operators of a length that is not there yet."""
+    slots = shelf.lengths_s.shape[0]
     kept = math.frexp(length_s)[0] == 0.5
     for k in range(slots):
         kept = kept or shelf.met_s[k] == length_s
@@ -158,16 +175,7 @@ def shelved(shelf: Shelf, grid: Nodes, laws: Floats, length_s: float) -> int:
         shelf.met_s[shelf.next_slot[1]] = length_s
         shelf.next_slot[1] = (shelf.next_slot[1] + 1) % slots
     shelf.lengths_s[slot] = length_s
-    for law in range(laws.shape[0]):
-        law_weights(
-            grid,
-            laws[law, 0],
-            laws[law, 1],
-            length_s,
-            shelf.weights[slot, law],
-            shelf.decay[slot, law],
-        )
-    return slot
+    return int(slot)
 
 
 @compiled

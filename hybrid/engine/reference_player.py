@@ -60,6 +60,7 @@ class _Beyond:
 class ReferencePlayer(CircuitPlayer):
     """One run of a machine whose analog side is a circuit, by SciPy."""
 
+    plays_noise = False
     reference: Reference
     beyond: _Beyond
 

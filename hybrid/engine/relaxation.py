@@ -19,18 +19,15 @@ from typing import NamedTuple
 
 import numpy as np
 
-from hybrid.engine.circuit import FIRST_PIECE, HIGH, LOW, TEAR, Circuit
+from hybrid.engine.circuit import FIRST_PIECE, HIGH, LOW, Circuit
 from hybrid.engine.corners import Log, change_piece, first_exit, leaves, locate, settle
+from hybrid.engine.handover import FULL_SCALE, accept, guess, watch
 from hybrid.engine.kernel import RUNAWAY_MU, Floats, Ints, compiled
 from hybrid.engine.nodes import Nodes, Shelf, point_weights
+from hybrid.engine.noise import Noise, bring_up, finest, jump, play_truth, show
 from hybrid.engine.sweep import (
     AGE,
-    BEFORE,
-    BEFORE_END,
-    BEYOND_S,
     CRUISE,
-    DRIVE,
-    DRIVE_END,
     EVENTS,
     FIRST_S,
     FIRST_SHARE,
@@ -43,16 +40,11 @@ from hybrid.engine.sweep import (
     REJECTED,
     ROWS,
     STARTED,
-    SUM_OF_ERRORS,
     TIMES,
     WAIT,
-    WINDOWS,
-    WORST,
     WORST_S,
     WORST_VALUE,
-    X_END,
     State,
-    X,
     solve,
 )
 from hybrid.modes import CONTINUE, STOP_RUN
@@ -66,8 +58,6 @@ LAYER_LAGS = 45.0
 SHORTEST_S = 1e-15
 # Windows to wait before trying again a length at which the loops did not agree.
 PATIENCE = 30
-# A lag that settles at full scale may stand above it by rounding.
-FULL_SCALE = 1.0 + 1e-12
 # So many events of one corner within so many of the shortest lag are chatter.
 CHATTER_EVENTS = 64
 CHATTER_LAGS = 4.0
@@ -98,22 +88,35 @@ def advance(
     rtol: float,
     log: Log,
     pen: Pen,
+    noise: Noise | None,
 ) -> tuple[int, float]:
     """Play `duration_s` seconds from the instant t_s on, State.held being constant; why it ended, when.
 
-    The second figure counts from t_s. The log and the pen start anew at every call.
+    The second figure counts from t_s. The log and the pen start anew at every call. With `noise`,
+    `state` is the smooth run beside the true one, and what the pen writes.
     """
-    clock, counts = state.clock, state.counts
+    # `noise` is looked at again and again, so that the compiler leaves out what has none.
+    clock, counts, shown = state.clock, state.counts, state
     counts[ROWS], counts[EVENTS] = 0, 0
-    _begin(circuit, state, t_s, log)
+    jumped = _begin(circuit, state, t_s, log)
     recent = np.zeros((circuit.corners.shape[0], 2))
     tolerance = min(max(1e-15, 1e-5 * rtol), 1e-12)
+    if noise is not None:
+        shown = noise.truth
+        rtol, tolerance = finest(circuit, rtol, tolerance)
+        if jumped:
+            jump(circuit, state, noise, t_s, 0.0)
     now, cap = 0.0, math.inf
     while now < duration_s:
         if counts[ON_OVERLOAD] != CONTINUE:
-            e = _beyond_now(state)
-            if e >= 0 and _act_on_overload(circuit, state, e, t_s, now, log):
-                return OVERLOADED, now
+            e = _beyond_now(state.watched, shown.start)
+            if e >= 0:
+                _note_if_first(state.clock, shown.overload[e], shown.start[e], t_s + now)
+                if counts[ON_OVERLOAD] == STOP_RUN:
+                    return OVERLOADED, now
+                hold_for_good(circuit, state, t_s, now, log)
+                if noise is not None:
+                    jump(circuit, state, noise, t_s, now)
         length = _next_length(circuit, state, duration_s - now, cap)
         _prepare_guess(circuit, state, grid, length)
         fits = solve(circuit, state, shelf, grid, t_s + now, length, tolerance)
@@ -123,73 +126,83 @@ def advance(
                 return _lost(state), now
             cap = _reject(circuit, state, length, fits)
             continue
-        corner, at = -1, 1.0
+        corner, at, over, earlier, by = -1, 1.0, -1, 1.0, 0
         if circuit.corners.shape[0] > 0:
             corner, at = first_exit(circuit, state, grid)
         if counts[ON_OVERLOAD] != CONTINUE:
-            e, earlier = _first_overload(state, grid, at)
-            if e >= 0:
-                length = max(length * earlier, SHORTEST_S)
-                _guess(
-                    circuit, state, grid, 0.0, earlier, len(grid.marks), state.start, state.nodes
-                )
-                solve(circuit, state, shelf, grid, t_s + now, length, tolerance)
-                now = min(now + length, duration_s)
-                _record(state, grid, pen, now, length)
-                _watch(state, grid, t_s + now - length, length)
-                _accept(circuit, state, grid, length, tail, tolerance)
-                if _act_on_overload(circuit, state, e, t_s, now, log):
-                    return OVERLOADED, now
-                continue
-        if corner < 0:
-            now = duration_s if length == duration_s - now else now + length
-            _record(state, grid, pen, now, length)
-            _watch(state, grid, t_s + now - length, length)
-            _accept(circuit, state, grid, length, tail, tolerance)
-            _adapt(state, length, tail, rtol)
-            cap = math.inf
-        else:
+            over, earlier = _first_overload(state, grid, at)
+        if over >= 0:
+            length = max(length * earlier, SHORTEST_S)
+            guess(circuit, state, grid, 0.0, earlier, len(grid.marks), state.start, state.nodes)
+            solve(circuit, state, shelf, grid, t_s + now, length, tolerance)
+        elif corner >= 0:
             by = 1 if _guard_rises(circuit, state, grid, corner, at) else -1
             length = _cut(
                 circuit, state, shelf, grid, t_s + now, at * length, length, corner, by, tolerance
             )
-            if length > 0.0:
-                now = min(now + length, duration_s)
-                _record(state, grid, pen, now, length)
-                _watch(state, grid, t_s + now - length, length)
-                _accept(circuit, state, grid, length, tail, tolerance)
+        if noise is not None:
+            left_s = duration_s - now
+            if not play_truth(circuit, state, noise, grid, t_s + now, length, left_s, tolerance):
+                return _lost(noise.truth), now
+        if length > 0.0:
+            whole = over < 0 and by == 0 and length == duration_s - now
+            now = duration_s if whole else min(now + length, duration_s)
+            _record(state, grid, pen, now, length)
+            if noise is None:
+                watch(state, grid, t_s + now - length, length)
+            accept(circuit, state, grid, length, tail, tolerance)
+        if over >= 0:
+            _note_if_first(state.clock, shown.overload[over], state.start[over], t_s + now)
+            if counts[ON_OVERLOAD] == STOP_RUN:
+                return OVERLOADED, now
+            hold_for_good(circuit, state, t_s, now, log)
+        elif by == 0:
+            _adapt(state, length, tail, rtol)
+        else:
             change_piece(circuit, state, corner, by, now, log)
-            settle(circuit, state, t_s, now, log, False)
-            clock[AGE], counts[KNOWN], cap = 0.0, 0, math.inf
+            settle(circuit, state, state, t_s, now, log, False, 0.0)
+            clock[AGE], counts[KNOWN] = 0.0, 0
             if _chatters(circuit, recent, corner, now):
                 return CHATTER, now
+        cap = cap if over >= 0 else math.inf
         if _lost(state) == RUNAWAY:
             return RUNAWAY, now
+        if noise is not None:
+            if _lost(noise.truth) == RUNAWAY:
+                return RUNAWAY, now
+            if over >= 0 or by != 0:
+                jump(circuit, state, noise, t_s, now)
+            elif bring_up(circuit, state, noise, t_s, now, log):
+                clock[AGE], counts[KNOWN] = 0.0, 0
+                jump(circuit, state, noise, t_s, now)
+    if noise is not None and duration_s > 0.0:
+        show(circuit, state, noise, t_s, now)
     return DONE, now
 
 
 @compiled
-def _begin(circuit: Circuit, state: State, t_s: float, log: Log) -> None:
-    """Settle what follows at once, where something jumped or nothing has been played yet."""
+def _begin(circuit: Circuit, state: State, t_s: float, log: Log) -> bool:
+    """Settle what follows at once, where something jumped or nothing has been played yet; whether so."""
     jumped = state.counts[STARTED] == 0
     for i in range(state.held.shape[0]):
         if state.held[i] != state.seen[i]:  # also the first time, when it is no number
             jumped = True
             state.seen[i] = state.held[i]
     if not jumped:
-        return
-    settle(circuit, state, t_s, 0.0, log, state.counts[STARTED] == 0)
+        return False
+    settle(circuit, state, state, t_s, 0.0, log, state.counts[STARTED] == 0, 0.0)
     if state.counts[STARTED] == 0:  # pieces found for the first time are no events
         state.counts[EVENTS] = 0
     state.counts[STARTED], state.counts[KNOWN] = 1, 0
     state.clock[AGE] = 0.0
+    return True
 
 
 @compiled
-def _beyond_now(state: State) -> int:
+def _beyond_now(watched: Ints, start: Floats) -> int:
     """A watched signal that is beyond full scale at this instant, or -1."""
-    for e in range(state.start.shape[0]):
-        if state.watched[e] > 0 and abs(state.start[e]) > FULL_SCALE:
+    for e in range(start.shape[0]):
+        if watched[e] > 0 and abs(start[e]) > FULL_SCALE:
             return e
     return -1
 
@@ -215,26 +228,19 @@ def _first_overload(state: State, grid: Nodes, before: float) -> tuple[int, floa
 
 
 @compiled
-def _act_on_overload(
-    circuit: Circuit, state: State, e: int, t_s: float, now_s: float, log: Log
-) -> bool:
-    """Note which signal it was; put the machine into HOLD for good, or say that the run is to stop."""
-    state.clock[OVERLOAD_S] = t_s + now_s
-    overload, value = state.overload[e], state.start[e]
+def _note_if_first(clock: Floats, overload: Floats, value: float, at_s: float) -> None:
+    """Note an overload that the run answers, unless the window that led there has been noted."""
+    clock[OVERLOAD_S] = at_s
     if overload[TIMES] == 0.0:
-        overload[TIMES], overload[FIRST_S], overload[WORST_S] = 1.0, t_s + now_s, t_s + now_s
+        overload[TIMES], overload[FIRST_S], overload[WORST_S] = 1.0, at_s, at_s
         overload[FIRST_VALUE], overload[WORST_VALUE] = value, value
-    if state.counts[ON_OVERLOAD] == STOP_RUN:
-        return True
-    hold_for_good(circuit, state, t_s, now_s, log)
-    return False
 
 
 @compiled
 def hold_for_good(circuit: Circuit, state: State, t_s: float, now_s: float, log: Log) -> None:
     """Put the machine into HOLD, whatever its modes are meant to be from now on."""
     state.counts[FROZEN], state.counts[ON_OVERLOAD] = 1, CONTINUE
-    settle(circuit, state, t_s, now_s, log, False)
+    settle(circuit, state, state, t_s, now_s, log, False, 0.0)
     state.clock[AGE], state.counts[KNOWN] = 0.0, 0
 
 
@@ -242,7 +248,7 @@ def hold_for_good(circuit: Circuit, state: State, t_s: float, now_s: float, log:
 def _next_length(circuit: Circuit, state: State, remaining_s: float, cap: float) -> float:
     """A power of two of seconds within what layers allow, or all that remains."""
     age = state.clock[AGE]
-    length = min(state.clock[CRUISE], cap)
+    length = min(state.clock[CRUISE], cap, circuit.longest_s)
     for k in range(circuit.taus_s.shape[0]):
         tau = circuit.taus_s[k]
         if age < LAYER_LAGS * tau:
@@ -309,78 +315,6 @@ def _tail(state: State, grid: Nodes) -> float:
 
 
 @compiled
-def _watch(state: State, grid: Nodes, t_s: float, length_s: float) -> None:
-    """Note every signal that is beyond full scale in the window that begins at t_s.
-
-    Between two points a signal is taken for a straight line, which tells when it crossed.
-    """
-    start, nodes, overload = state.start, state.nodes, state.overload
-    for e in range(nodes.shape[0]):
-        beyond = abs(start[e]) > FULL_SCALE
-        for j in range(len(grid.marks)):
-            beyond |= abs(nodes[e, j]) > FULL_SCALE
-        if beyond:
-            _note_overload(grid, start[e], nodes[e], overload[e], t_s, length_s)
-
-
-@compiled
-def _note_overload(
-    grid: Nodes, start: float, nodes: Floats, overload: Floats, t_s: float, length_s: float
-) -> None:
-    before = start
-    overload[TIMES] += 1.0
-    for j in range(len(grid.marks)):
-        now, begins_s = nodes[j], t_s + length_s * grid.points[j]
-        lasts_s = length_s * (grid.points[j + 1] - grid.points[j])
-        high, low = max(abs(before), abs(now)), min(abs(before), abs(now))
-        if high > 1.0:
-            share = 1.0 if low > 1.0 else (high - 1.0) / (high - low)
-            rises = abs(now) > abs(before)
-            if overload[BEYOND_S] == 0.0:
-                overload[FIRST_S] = begins_s + (lasts_s * (1.0 - share) if rises else 0.0)
-                overload[FIRST_VALUE] = now if rises else before
-            overload[BEYOND_S] += share * lasts_s
-            if high > abs(overload[WORST_VALUE]):
-                overload[WORST_VALUE] = now if rises else before
-                overload[WORST_S] = begins_s + (lasts_s if rises else 0.0)
-        before = now
-
-
-@compiled
-def _accept(
-    circuit: Circuit, state: State, grid: Nodes, length_s: float, tail: float, tolerance: float
-) -> None:
-    """Make the end of the window the start of the next."""
-    end = len(grid.marks) - 1
-    start, past, nodes, last, memory = (
-        state.start,
-        state.past,
-        state.nodes,
-        state.last,
-        state.memory,
-    )
-    rows = circuit.rows
-    for e in range(rows.shape[0]):
-        past[e] = start[e]
-        start[e] = nodes[e, end]
-        memory[e, X] = memory[e, X_END]
-        memory[e, DRIVE] = memory[e, DRIVE_END]
-        memory[e, BEFORE] = memory[e, BEFORE_END]
-        if rows[e, TEAR] != 0:
-            for i in range(nodes.shape[1]):
-                last[e, i] = nodes[e, i]
-    for corner in range(state.piece.shape[0]):
-        state.guard_start[corner] = state.guard[corner, end]
-    clock = state.clock
-    clock[AGE] += length_s
-    clock[LENGTH] = length_s
-    clock[WORST] = max(clock[WORST], tail)
-    clock[SUM_OF_ERRORS] += 10.0 * tail * tail + tolerance
-    state.counts[KNOWN] = 1
-    state.counts[WINDOWS] += 1
-
-
-@compiled
 def _prepare_guess(circuit: Circuit, state: State, grid: Nodes, length_s: float) -> None:
     """Continue the last window's polynomials into this one; constants where they say nothing."""
     n = state.nodes.shape[0]
@@ -391,40 +325,7 @@ def _prepare_guess(circuit: Circuit, state: State, grid: Nodes, length_s: float)
         return
     # Far outside, the high powers do more harm than good.
     degree = len(grid.marks) if ratio <= 1.0 else 4
-    _guess(circuit, state, grid, 1.0, ratio, degree, state.past, state.last)
-
-
-@compiled
-def _guess(
-    circuit: Circuit,
-    state: State,
-    grid: Nodes,
-    place: float,
-    ratio: float,
-    degree: int,
-    start: Floats,
-    nodes: Floats,
-) -> None:
-    """Read the polynomials through `start` and `nodes` from `place` on, over `ratio` of their length.
-
-    Only for signals that are read before they are computed.
-    """
-    q, p = len(grid.marks), state.nodes.shape[1]
-    wanted = state.guess_for
-    if wanted[0] != place or wanted[1] != ratio or wanted[2] != degree:
-        wanted[0], wanted[1], wanted[2] = place, ratio, degree
-        for i in range(p):
-            point_weights(grid, place + ratio * grid.marks[min(i, q - 1)], degree, state.guess[i])
-    row = state.row[0]
-    for e in range(nodes.shape[0]):
-        if circuit.rows[e, TEAR] == 0:
-            continue
-        for i in range(p):
-            row[i] = state.guess[i, 0] * start[e]
-            for j in range(q):
-                row[i] += state.guess[i, j + 1] * nodes[e, j]
-        for i in range(p):
-            state.nodes[e, i] = row[i]
+    guess(circuit, state, grid, 1.0, ratio, degree, state.past, state.last)
 
 
 @compiled
@@ -460,7 +361,7 @@ def _cut(
     if length_s < SHORTEST_S:
         return 0.0
     for _ in range(5):
-        _guess(circuit, state, grid, 0.0, length_s / whole_s, q, state.start, state.nodes)
+        guess(circuit, state, grid, 0.0, length_s / whole_s, q, state.start, state.nodes)
         whole_s = length_s
         solve(circuit, state, shelf, grid, t_s, length_s, tolerance)
         miss = state.guard[corner, q - 1] - bound

@@ -47,6 +47,7 @@ from hybrid.engine.circuit import (
     KIND,
     LAG,
     LAW,
+    NOISE,
     OFFSET,
     OMEGA,
     PHASE,
@@ -84,6 +85,7 @@ class State(NamedTuple):
         Floats  # (3,): place, length and degree it was made for, in lengths of the last window
     )
     overload: Floats  # (n, 6): see the columns below
+    fresh: Floats  # (noisy, P): noise that came up in the window, at its nodes
     clock: Floats  # see the constants below
     counts: Ints  # see the constants below
     watched: Ints  # (n,): 1 where an overload may stop the run or hold the machine
@@ -131,6 +133,7 @@ def new_state(circuit: Circuit, q: int = 8) -> State:
         np.zeros((p, q + 1)),
         np.full(3, np.nan),
         np.zeros((n, 6)),
+        np.zeros((len(circuit.noisy), p)),
         np.array([0.0, math.inf, 0.0, 1.0, 0.0, 0.0, math.nan]),
         np.zeros(10, dtype=np.int64),
         np.zeros(n, dtype=np.int64),
@@ -233,7 +236,7 @@ def sweep(
     corners, pieces, marks = circuit.corners, circuit.pieces, grid.points
     held, start, nodes, memory = state.held, state.start, state.nodes, state.memory
     piece, guard, scratch = state.piece, state.guard, state.row
-    weights, decay = shelf.weights, shelf.decay
+    weights, decay, fresh = shelf.weights, shelf.decay, state.fresh
     q = len(grid.marks)
     blocks = (q + 3) // 4
     change = 0.0
@@ -338,8 +341,11 @@ def sweep(
                 guard[stop, i] = scratch[r, i]
                 scratch[r, i] = piece_of(pieces, p, scratch[r, i])
         memory[e, BEFORE_END] = scratch[r, q - 1]
-        tear = rows[e, TEAR] != 0
+        tear, noisy = rows[e, TEAR] != 0, rows[e, NOISE]
         y, v = start[e], memory[e, BEFORE]
+        if noisy >= 0:  # apart from the loop below, which is one of vector instructions
+            for i in range(4 * blocks):
+                nodes[e, i] -= fresh[noisy, i]
         for block in range(blocks):
             i = 4 * block
             if lag >= 0:
@@ -354,6 +360,9 @@ def sweep(
                 if not moved <= change:  # also where it is no number
                     change = moved
             nodes[e, i], nodes[e, i + 1], nodes[e, i + 2], nodes[e, i + 3] = a, b, c, d
+        if noisy >= 0:
+            for i in range(4 * blocks):
+                nodes[e, i] += fresh[noisy, i]
     return change
 
 

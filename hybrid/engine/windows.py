@@ -17,6 +17,7 @@ from hybrid.engine.corners import Log, new_log, settle
 from hybrid.engine.kernel import Coupling, Deck, Floats, Ints, Pens, Plant, Score, State, compiled
 from hybrid.engine.linear import Overload, Player
 from hybrid.engine.nodes import Nodes, Shelf, new_shelf, nodes
+from hybrid.engine.noise import Noise, jump, new_noise
 from hybrid.engine.relaxation import (
     CHATTER,
     OVERLOADED,
@@ -66,7 +67,9 @@ class Clock(NamedTuple):
 
 
 @compiled
-def follow(side: Side, plant: Plant, state: State, t_s: float, duration_s: float) -> int:
+def follow(
+    side: Side, noise: Noise | None, plant: Plant, state: State, t_s: float, duration_s: float
+) -> int:
     """Advance the circuit (by nothing: let it follow a jump) and show its signals; why it ended."""
     v, inputs_at = state.v, plant.kept.shape[0]
     for i in range(side.held.shape[0]):
@@ -81,9 +84,13 @@ def follow(side: Side, plant: Plant, state: State, t_s: float, duration_s: float
         RESOLUTION,
         side.log,
         side.no_pen,
+        noise,
     )
     for s in range(side.place.shape[0]):
-        v[s] = side.state.start[side.place[s]]
+        if noise is None:
+            v[s] = side.state.start[side.place[s]]
+        else:
+            v[s] = noise.truth.start[side.place[s]]
     v[side.place.shape[0]] = side.state.start[side.mode[0]] if side.mode[0] >= 0 else OP
     if why == 0:
         return kernel.WAITING
@@ -96,7 +103,7 @@ def follow(side: Side, plant: Plant, state: State, t_s: float, duration_s: float
 
 
 @compiled
-def _hold_now(score: Score, side: Side, clock: Clock, state: State) -> None:
+def _hold_now(score: Score, side: Side, noise: Noise | None, clock: Clock, state: State) -> None:
     """A converter is beyond its range: put the machine into HOLD at the cue that found it."""
     count = state.counts
     count[kernel.STOPS] = kernel.NEVER
@@ -106,6 +113,8 @@ def _hold_now(score: Score, side: Side, clock: Clock, state: State) -> None:
     now_s += clock.instants_s[score.cues[count[kernel.CUE], 2]]
     side.state.clock[OVERLOAD_S] = now_s
     hold_for_good(side.circuit, side.state, now_s, 0.0, side.log)
+    if noise is not None:
+        jump(side.circuit, side.state, noise, now_s, 0.0)
 
 
 @compiled
@@ -122,6 +131,7 @@ def play_circuit(
     stop_repeat: int,
     stop_cue: int,
     side: Side,
+    noise: Noise | None,
     clock: Clock,
 ) -> int:
     """Like `kernel.play`, with the circuit as the analog side; at most CHUNK_ADVANCES instants."""
@@ -141,7 +151,7 @@ def play_circuit(
             stop_cue,
         )
         if outcome == kernel.OVERLOADED and side.state.counts[ON_OVERLOAD] != STOP_RUN:
-            _hold_now(score, side, clock, state)
+            _hold_now(score, side, noise, clock, state)
             continue
         if outcome != kernel.WAITING:
             return int(outcome)
@@ -153,7 +163,7 @@ def play_circuit(
             t_s += clock.instants_s[at - 1]
         else:
             t_s += clock.instants_s[at]
-        outcome = follow(side, plant, state, t_s, duration_s)
+        outcome = follow(side, noise, plant, state, t_s, duration_s)
         if outcome != kernel.WAITING:
             return int(outcome)
         count[kernel.CUE] += 1
@@ -166,11 +176,14 @@ class CircuitPlayer(Player):
     """One run of a machine whose analog side is a circuit."""
 
     side: Side
+    noise: Noise | None
     clocks: tuple[Clock, ...]
 
     def _analog_side(self, intervals: list[int]) -> Plant:
         """A plant without propagators; the circuit is `side`."""
         self.side = _side(self.machine)
+        circuit = self.side.circuit
+        self.noise = new_noise(circuit, self._normals, NODES) if len(circuit.noisy) else None
         intervals_s = np.array([to_seconds(t) for t in intervals])
         self.clocks = tuple(
             Clock(
@@ -197,7 +210,7 @@ class CircuitPlayer(Player):
         v = np.concatenate([np.zeros(count), state.v])
         state = state._replace(v=v, next_v=np.zeros(count))
         settle_loops(self.side, state.v[count + self.side.held])
-        follow(self.side, self.plant, state, 0.0, 0.0)
+        follow(self.side, self.noise, self.plant, state, 0.0, 0.0)
         return state
 
     @property
@@ -216,7 +229,8 @@ class CircuitPlayer(Player):
         """Converters as the kernel saw them; analog signals as they went between the instants, too."""
         signals = self.machine.analog.signals
         found = [o for o in super().overloads() if o.signal not in signals]
-        for name, row in zip(signals, self.side.state.overload[self.side.place], strict=True):
+        overload = (self.noise.truth if self.noise else self.side.state).overload
+        for name, row in zip(signals, overload[self.side.place], strict=True):
             first_s, first, worst, worst_s, duration_s, times = row.tolist()
             if times:
                 found.append(Overload(name, first_s, first, worst, worst_s, int(times), duration_s))
@@ -236,6 +250,7 @@ class CircuitPlayer(Player):
             stop_repeat,
             stop_cue,
             self.side,
+            self.noise,
             self.clocks[self.segment],
         )
         return outcome
@@ -246,7 +261,16 @@ def settled(machine: Machine) -> tuple[list[float], dict[str, float]]:
     side = _side(machine)
     settle_loops(side, machine.analog.u0[side.held])
     advance(
-        side.circuit, side.state, side.shelf, side.grid, 0.0, 0.0, RESOLUTION, side.log, side.no_pen
+        side.circuit,
+        side.state,
+        side.shelf,
+        side.grid,
+        0.0,
+        0.0,
+        RESOLUTION,
+        side.log,
+        side.no_pen,
+        None,  # at t = 0 there is none yet
     )
     values = side.state.start[side.place].tolist()
     drives = zip(machine.analog.signals, side.state.memory[side.place, DRIVE].tolist(), strict=True)
@@ -264,7 +288,7 @@ def settle_loops(side: Side, held: Floats) -> None:
     start, memory, piece = state.start.copy(), state.memory.copy(), state.piece.copy()
     for _ in range(MOST_PASSES):
         before = state.start.copy()
-        settle(side.circuit, state, 0.0, 0.0, side.log, True)
+        settle(side.circuit, state, state, 0.0, 0.0, side.log, True, 0.0)
         with np.errstate(invalid="ignore"):  # of a quotient by 0, at which the run will stop
             if np.all(np.abs(state.start - before) <= 1e-15 * np.maximum(1.0, np.abs(before))):
                 return

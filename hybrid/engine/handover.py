@@ -1,0 +1,139 @@
+"""From one window to the next: the first guess, overloads noted, the end that becomes a start.
+
+Stage 4.
+"""
+
+from __future__ import annotations
+
+from hybrid.engine.circuit import TEAR, Circuit
+from hybrid.engine.kernel import Floats, compiled
+from hybrid.engine.nodes import Nodes, point_weights
+from hybrid.engine.sweep import (
+    AGE,
+    BEFORE,
+    BEFORE_END,
+    BEYOND_S,
+    DRIVE,
+    DRIVE_END,
+    FIRST_S,
+    FIRST_VALUE,
+    KNOWN,
+    LENGTH,
+    SUM_OF_ERRORS,
+    TIMES,
+    WINDOWS,
+    WORST,
+    WORST_S,
+    WORST_VALUE,
+    X_END,
+    State,
+    X,
+)
+
+# A lag that settles at full scale may stand above it by rounding.
+FULL_SCALE = 1.0 + 1e-12
+
+
+@compiled
+def guess(
+    circuit: Circuit,
+    state: State,
+    grid: Nodes,
+    place: float,
+    ratio: float,
+    degree: int,
+    start: Floats,
+    nodes: Floats,
+) -> None:
+    """Read the polynomials through `start` and `nodes` from `place` on, over `ratio` of their length.
+
+    Only for signals that are read before they are computed.
+    """
+    q, p = len(grid.marks), state.nodes.shape[1]
+    wanted = state.guess_for
+    if wanted[0] != place or wanted[1] != ratio or wanted[2] != degree:
+        wanted[0], wanted[1], wanted[2] = place, ratio, degree
+        for i in range(p):
+            point_weights(grid, place + ratio * grid.marks[min(i, q - 1)], degree, state.guess[i])
+    row = state.row[0]
+    for e in range(nodes.shape[0]):
+        if circuit.rows[e, TEAR] == 0:
+            continue
+        for i in range(p):
+            row[i] = state.guess[i, 0] * start[e]
+            for j in range(q):
+                row[i] += state.guess[i, j + 1] * nodes[e, j]
+        for i in range(p):
+            state.nodes[e, i] = row[i]
+
+
+@compiled
+def watch(state: State, grid: Nodes, t_s: float, length_s: float) -> None:
+    """Note every signal that is beyond full scale in the window that begins at t_s.
+
+    Between two points a signal is taken for a straight line, which tells when it crossed.
+    """
+    start, nodes, overload = state.start, state.nodes, state.overload
+    for e in range(nodes.shape[0]):
+        beyond = abs(start[e]) > FULL_SCALE
+        for j in range(len(grid.marks)):
+            beyond |= abs(nodes[e, j]) > FULL_SCALE
+        if beyond:
+            _note_overload(grid, start[e], nodes[e], overload[e], t_s, length_s)
+
+
+@compiled
+def _note_overload(
+    grid: Nodes, start: float, nodes: Floats, overload: Floats, t_s: float, length_s: float
+) -> None:
+    before = start
+    overload[TIMES] += 1.0
+    for j in range(len(grid.marks)):
+        now, begins_s = nodes[j], t_s + length_s * grid.points[j]
+        lasts_s = length_s * (grid.points[j + 1] - grid.points[j])
+        high, low = max(abs(before), abs(now)), min(abs(before), abs(now))
+        if high > 1.0:
+            share = 1.0 if low > 1.0 else (high - 1.0) / (high - low)
+            rises = abs(now) > abs(before)
+            if overload[BEYOND_S] == 0.0:
+                overload[FIRST_S] = begins_s + (lasts_s * (1.0 - share) if rises else 0.0)
+                overload[FIRST_VALUE] = now if rises else before
+            overload[BEYOND_S] += share * lasts_s
+            if high > abs(overload[WORST_VALUE]):
+                overload[WORST_VALUE] = now if rises else before
+                overload[WORST_S] = begins_s + (lasts_s if rises else 0.0)
+        before = now
+
+
+@compiled
+def accept(
+    circuit: Circuit, state: State, grid: Nodes, length_s: float, tail: float, tolerance: float
+) -> None:
+    """Make the end of the window the start of the next."""
+    end = len(grid.marks) - 1
+    start, past, nodes, last, memory = (
+        state.start,
+        state.past,
+        state.nodes,
+        state.last,
+        state.memory,
+    )
+    rows = circuit.rows
+    for e in range(rows.shape[0]):
+        past[e] = start[e]
+        start[e] = nodes[e, end]
+        memory[e, X] = memory[e, X_END]
+        memory[e, DRIVE] = memory[e, DRIVE_END]
+        memory[e, BEFORE] = memory[e, BEFORE_END]
+        if rows[e, TEAR] != 0:
+            for i in range(nodes.shape[1]):
+                last[e, i] = nodes[e, i]
+    for corner in range(state.piece.shape[0]):
+        state.guard_start[corner] = state.guard[corner, end]
+    clock = state.clock
+    clock[AGE] += length_s
+    clock[LENGTH] = length_s
+    clock[WORST] = max(clock[WORST], tail)
+    clock[SUM_OF_ERRORS] += 10.0 * tail * tail + tolerance
+    state.counts[KNOWN] = 1
+    state.counts[WINDOWS] += 1
