@@ -105,7 +105,7 @@ class Circuit(NamedTuple):
     noise_rates: Floats  # distinct rates at which noise forgets, 1/s
     tails_s: Floats  # before an instant, no longer window ends within these; descending
     longest_s: float  # no window is longer
-    grain: float  # largest rms of noise that is not loud
+    grain: float  # largest rms of any noise
 
 
 class Builder:
@@ -384,7 +384,7 @@ def lay_out(
         np.array(noise_rates, dtype=float),
         _tails(taus_s, noise_rates),
         _longest(row, place),
-        max((e.noise for e in row if not e.loud), default=0.0),
+        max((e.noise for e in row), default=0.0),
     )
 
 
