@@ -28,8 +28,8 @@ MOST_POINTS = 1_000_000
 POINTS_PER_BATCH = 20
 # Cycles (or rows) that are handed over at most: a second's work or so.
 STEPS_PER_BATCH = 2_000_000
-# Below this many points starting workers takes longer than the work.
-FEWEST_FOR_WORKERS = 40
+# Below this many points starting workers takes longer than the work; nonlinear ones take longer.
+FEWEST_FOR_WORKERS, FEWEST_NONLINEAR = 40, 8
 MOST_JOBS = 1000
 
 MEASURED = ("omega", "omega_damped", "zeta", "omega_error", "omega_damped_error", "zeta_error")
@@ -131,7 +131,7 @@ def play_all(
     points: list[Point] = []
     status = "complete"
     try:
-        for done in _handfuls(task, orders, jobs, _points_at_once(first)):
+        for done in _handfuls(task, orders, jobs, first):
             points.extend(done)
             if progress:
                 progress(len(points) / len(orders))
@@ -140,27 +140,31 @@ def play_all(
     return tuple(sorted(points, key=lambda point: point.index)), status
 
 
-def _points_at_once(first: Machine) -> int:
+def _points_at_once(first: Machine, count: int) -> int:
     """Few where a run takes long: an interrupt loses those that are under way."""
     timing = first.timing
     steps = timing.until // min(t for t in (timing.period, timing.every) if t)
-    return max(1, min(POINTS_PER_BATCH, STEPS_PER_BATCH // max(steps, 1)))
+    most = max(1, STEPS_PER_BATCH // max(steps, 1))
+    # How long a nonlinear run takes is not known: hand over so few that workers end together.
+    even = max(1, count // 50) if first.elements else count
+    return min(POINTS_PER_BATCH, most, even)
 
 
 def _handfuls(
-    task: Task, orders: Sequence[Order], jobs: int | None, most: int
+    task: Task, orders: Sequence[Order], jobs: int | None, first: Machine
 ) -> Iterator[list[Point]]:
-    """Points, at most `most` at once, from all cores or wherever joblib works (a Dask cluster too).
+    """Some points at a time, from all cores or wherever joblib works (a Dask cluster too).
 
     Costly runs (short cycles) are spread over the handfuls.
     """
-    if len(orders) < FEWEST_FOR_WORKERS or jobs == 1:
+    fewest = FEWEST_NONLINEAR if first.elements else FEWEST_FOR_WORKERS
+    if len(orders) < fewest or jobs == 1:
         for order in orders:
             yield task.points([order])
         return
     import joblib
 
-    count = -(-len(orders) // most)
+    count = -(-len(orders) // _points_at_once(first, len(orders)))
     parallel = joblib.Parallel(n_jobs=jobs or -1, return_as="generator_unordered")
     with deaf_children():
         handfuls = parallel(joblib.delayed(task.points)(orders[i::count]) for i in range(count))

@@ -1,8 +1,8 @@
 """A trial run: how far every analog signal goes, and which full scales would hold it.
 
 Stage 6, for `checks`. It is a run of the machine as it is compiled, but without noise, which needs no
-range and would hide a rate. Nothing is written. It is cut where it
-takes longer than an operator would wait, and says so.
+range and would hide a rate, and on through overloads. Nothing is written. It is cut where it takes
+longer than an operator would wait, and says so.
 """
 
 from __future__ import annotations

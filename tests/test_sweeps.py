@@ -139,6 +139,6 @@ def test_a_parameter_named_like_a_variable() -> None:
 
 def test_long_points_go_to_the_workers_one_by_one(patch) -> None:
     def batch(cycle_s: float) -> int:
-        return _points_at_once(hybrid.predict(patch, {"cycle": cycle_s}).machine)
+        return _points_at_once(hybrid.predict(patch, {"cycle": cycle_s}).machine, 1000)
 
     assert [batch(1e-2), batch(1e-6), batch(1e-9)] == [POINTS_PER_BATCH, 2, 1]

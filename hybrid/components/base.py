@@ -3,7 +3,8 @@
 1. A kind has a `key` (its first word in a patch), a one-line `doc`, the `main` key that holds its
    inputs or value, further `keys`, and a `symbol` for diagrams.
 2. `core(values, gains)` gives the linear core in problem units (SI): static `w = sum(gain * input) +
-   constant`, or dynamic `w' = sum(gain * input) + feedback * w + constant`.
+   constant`, or dynamic `w' = sum(gain * input) + feedback * w + constant`. A core may also hold what a
+   source steps through, a sine, noise of its own bandwidth, or a block of linear states (`Core`).
 3. The compiler adds what every component shares: scaling to machine units, gain tolerance, offset,
    the output lag and noise. A kind never deals with those, nor with time or state storage.
 4. `per_second` says that a gain has the extra unit 1/s (an integrator's input).

@@ -1,7 +1,8 @@
 """Pieces of what is not smooth: which one holds at an instant, and when a window leaves it.
 
 Stage 4. Inside a window pieces do not change. Where a guarded quantity leaves the bounds of its piece
-the window is cut, the neighbouring piece takes over and integration starts anew.
+the window is cut, the neighbouring piece takes over and integration starts anew: every signal, piece and
+mode is settled as it is right after the jump.
 """
 
 from __future__ import annotations

@@ -1,7 +1,8 @@
 """The nonlinear engine as a player: what lies between two instants is played by `relaxation`.
 
-Stage 4. Everything else (converters, program, record, overloads) is the exact engine's: its kernel comes
-back wherever the analog side must be advanced, or must follow a jump.
+Stage 4. Everything else (converters, program, record) is the exact engine's: its kernel comes back
+wherever the analog side must be advanced, or must follow a jump. Overloads of analog signals are those
+that the circuit saw, also between instants.
 """
 
 from __future__ import annotations
