@@ -98,7 +98,7 @@ def _run(options: argparse.Namespace, filing: Filing) -> int:
 
         patch, pairs = with_pens(patch, options.xy)
     if options.scope:
-        from hybrid.charts.oscilloscope import save_screens, with_beams
+        from hybrid.charts.oscilloscope import check_operates, save_screens, with_beams
 
         patch, screens = with_beams(patch, options.scope)
     from hybrid.arguments import machine_of
@@ -112,6 +112,8 @@ def _run(options: argparse.Namespace, filing: Filing) -> int:
     machine = machine_of(*ordered, circuit)
     engine = engine_of(machine, options.engine)
     check_run(machine, options.seed)
+    if options.scope:
+        check_operates(machine)
     stem = Path(output_name(options.out)) / Path(patch.file).stem
     writable(*(stem.with_name(stem.name + suffix) for suffix in (".nc", ".png")))
     prediction = _prediction(machine_of(*ordered) if circuit else machine)

@@ -225,7 +225,10 @@ def ending(player: Player) -> tuple[str, str]:
             "on_overload: stop"
         )
     if player.outcome == kernel.CHATTERS:
-        return "stopped", f"stopped at {player.done_s:.6g} s: a comparator or limiter chatters"
+        return "stopped", (
+            f"stopped at {player.done_s:.6g} s: a comparator or limiter chatters: give it hysteresis, "
+            "or what it drives a lag"
+        )
     if player.outcome == kernel.NOT_RESOLVED:
         return "stopped", f"stopped at {player.done_s:.6g} s: the signals change too fast to follow"
     if player.outcome == kernel.NOT_FINITE:

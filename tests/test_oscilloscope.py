@@ -162,6 +162,14 @@ def test_the_command(tmp_path, monkeypatch, capsys) -> None:
         assert said in capsys.readouterr().err
 
 
+def test_a_run_without_an_operation_is_refused_before_it_begins(tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "ramp.yaml").write_text(REP_OP)
+    assert main(["run", "ramp.yaml", "--scope", "x", "--until", "0.9 ms"]) == 2
+    assert "before the first operation begins at 0.001 s" in capsys.readouterr().err
+    assert [path.name for path in tmp_path.iterdir()] == ["ramp.yaml"]
+
+
 def test_the_plotters_pen_is_up_in_ic_and_hold() -> None:
     from hybrid.charts import xy_plot
 

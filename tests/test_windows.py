@@ -158,4 +158,29 @@ run: {until: 1 s, every: 0.4 s}
     result = run(patch)
     # x falls from 0.1 at 100 a second.
     assert result.status == "stopped"
-    assert result.status_note == "stopped at 0.001 s: a comparator or limiter chatters"
+    assert result.status_note == (
+        "stopped at 0.001 s: a comparator or limiter chatters: give it hysteresis, "
+        "or what it drives a lag"
+    )
+
+
+def test_an_interrupt_is_heard_while_something_switches_all_the_time():
+    text = """
+title: Sliding relay
+machine: lags
+analog:
+  x: {integrate: {u: 1}, initial: 0, full_scale: 1}
+  u: {compare: {x: -1}, high: 1 1/s, low: -1 1/s, full_scale: 1 1/s}
+run: {until: 2 s, every: 1 ms}
+"""
+    heard = []
+
+    def progress(done: float) -> None:
+        heard.append(done)
+        if len(heard) == 3:
+            raise KeyboardInterrupt
+
+    result = hybrid.run(hybrid.parse_patch(text), progress=progress)
+    assert result.status == "interrupted"
+    # Two lags of 1 us switch every few us, so some 500 windows and more are played in a row's interval.
+    assert 0 < len(result.time_s) < 1000

@@ -23,6 +23,7 @@ from hybrid.charts import style
 from hybrid.charts.style import LINE_IN, number
 from hybrid.errors import RunError, did_you_mean, quoted
 from hybrid.modes import MODE_VARIABLE, OP
+from hybrid.scale import TICKS_PER_SECOND
 from hybrid.storage import write_whole
 
 if TYPE_CHECKING:
@@ -30,6 +31,7 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from numpy.typing import NDArray
 
+    from hybrid.machine import Machine
     from hybrid.patch import Patch
     from hybrid.storage import PlainRecord
 
@@ -170,6 +172,16 @@ def with_beams(patch: Patch, texts: Sequence[str]) -> tuple[Patch, tuple[tuple[s
         wanted = (name for beams in screens for name in beams)
         patch = replace(patch, record=tuple(dict.fromkeys((*patch.record, *wanted))))
     return patch, screens
+
+
+def check_operates(machine: Machine) -> None:
+    """Raise RunError where a run ends before the first operation that would be a sweep."""
+    operation, until = machine.operation, machine.timing.until
+    if operation and until <= operation.reset:
+        raise RunError(
+            f"--scope: the run ends at {until / TICKS_PER_SECOND:g} s, before the first operation "
+            f"begins at {operation.reset / TICKS_PER_SECOND:g} s"
+        )
 
 
 def save_screens(record: Recorded, screens: Sequence[Sequence[str]], stem: Path) -> list[str]:

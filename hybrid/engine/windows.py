@@ -28,7 +28,7 @@ from hybrid.engine.relaxation import (
     no_pen,
 )
 from hybrid.engine.relaxation import Pen as WindowPen
-from hybrid.engine.sweep import DRIVE, FROZEN, ON_OVERLOAD, OVERLOAD_S, new_state
+from hybrid.engine.sweep import DRIVE, FROZEN, ON_OVERLOAD, OVERLOAD_S, WINDOWS, new_state
 from hybrid.engine.sweep import State as CircuitState
 from hybrid.machine import Machine
 from hybrid.modes import MODE_ELEMENT, OP, STOP_RUN
@@ -39,6 +39,8 @@ NODES = 8
 RESOLUTION = 1e-9
 # Instants between two looks at Ctrl-C.
 CHUNK_ADVANCES = 2000
+# Windows after which no further instant is begun: some tenths of a second where something switches fast.
+CHUNK_WINDOWS = 10_000
 # To let loops settle before a run.
 MOST_PASSES = 1000
 
@@ -137,7 +139,10 @@ def play_circuit(
 ) -> int:
     """Like `kernel.play`, with the circuit as the analog side; at most CHUNK_ADVANCES instants."""
     cues, count = score.cues, state.counts
+    last = side.state.counts[WINDOWS] + CHUNK_WINDOWS
     for _ in range(CHUNK_ADVANCES):
+        if side.state.counts[WINDOWS] > last:
+            break
         outcome = kernel.play(
             score,
             plant,
