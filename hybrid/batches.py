@@ -34,6 +34,7 @@ from hybrid.points import (
     Point,
     Task,
     check_jobs,
+    check_names,
     counts_text,
     measured_variables,
     origin,
@@ -214,13 +215,7 @@ def check_batch(
     jobs: int | None = None,
 ) -> Machine:
     """Raise PatchError or RunError for what would stop the first run; gives its machine."""
-    scalars = {name for r in patch.readouts for name in scalar_names(r)}
-    for name in differ:
-        if name in VARIABLES | scalars:
-            raise RunError(
-                f"the parameter {name} cannot differ: the result has a variable of that name; "
-                "rename the parameter"
-            )
+    check_names(patch, differ, VARIABLES, "differ")
     check_jobs(jobs)
     return machine_of(patch, orders[0].parameters, machine, orders[0].serial)
 

@@ -13,7 +13,7 @@ import json
 import sys
 from collections.abc import Callable, Mapping
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from hybrid import interrupts
 from hybrid.errors import HybridError, RunError
@@ -204,7 +204,6 @@ def sweep_command(options: argparse.Namespace) -> int:
     patch, parameters = patch_and_parameters(options)
     from hybrid.engines import engine_of
     from hybrid.runs import check_seed
-    from hybrid.storage import write_dataset
     from hybrid.sweeps import check_sweep, sweep, values_of
 
     check_seed(options.seed)
@@ -230,18 +229,33 @@ def sweep_command(options: argparse.Namespace) -> int:
             progress=progress,
         )
         interrupts.ignore()
+    files = _written(options, result, out, _coupling_chart)
+    if not options.json:
+        from hybrid.show import show_sweep
+
+        show_sweep(console(), result, files)
+    return _exit_of(result)
+
+
+def _written(
+    options: argparse.Namespace, result: Sweep | Batch, out: Path, chart: Callable[[Any, Path], str]
+) -> list[str]:
+    """Write the data and the chart of many runs, and print them if JSON is asked for; the files."""
+    from hybrid.storage import write_dataset
+
     if not result.points:
         raise KeyboardInterrupt
     write_dataset(result.dataset, out)
     files = [str(out)]
     if not options.no_chart:
-        files.append(_coupling_chart(result, out.with_suffix(".png")))
+        files.append(chart(result, out.with_suffix(".png")))
     if options.json:
         print_json(**result.to_dict(), files=files)
-    else:
-        from hybrid.show import show_sweep
+    return files
 
-        show_sweep(console(), result, files)
+
+def _exit_of(result: Sweep | Batch) -> int:
+    """Exit code of many runs."""
     if result.status != "complete":
         return EXIT_INTERRUPTED
     return EXIT_STOPPED if any(p.status == "failed" for p in result.points) else 0
@@ -252,7 +266,6 @@ def batch_command(options: argparse.Namespace) -> int:
     patch, parameters = patch_and_parameters(options)
     from hybrid.batches import batch, check_batch, orders_of
     from hybrid.engines import engine_of
-    from hybrid.storage import write_dataset
 
     lists, serials = combined(options, patch, parameters)
     orders, differ = orders_of(patch, lists, None, serials, options.seed)
@@ -272,21 +285,12 @@ def batch_command(options: argparse.Namespace) -> int:
             progress=progress,
         )
         interrupts.ignore()
-    if not result.points:
-        raise KeyboardInterrupt
-    write_dataset(result.dataset, out)
-    files = [str(out)]
-    if not options.no_chart:
-        files.append(_ensemble_chart(result, out.with_suffix(".png")))
-    if options.json:
-        print_json(**result.to_dict(), files=files)
-    else:
+    files = _written(options, result, out, _ensemble_chart)
+    if not options.json:
         from hybrid.show import show_batch
 
         show_batch(console(), result, files)
-    if result.status != "complete":
-        return EXIT_INTERRUPTED
-    return EXIT_STOPPED if any(p.status == "failed" for p in result.points) else 0
+    return _exit_of(result)
 
 
 def _ensemble_chart(result: Batch, path: Path) -> str:

@@ -7,7 +7,7 @@ replayed alone. Where they are interrupted, those that are done are kept.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Collection, Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -108,6 +108,20 @@ class Task:
             return tuple(predict_machine(compiled).to_dicts()), ""
         except RunError as error:
             return (), f"no prediction: {error}"
+
+
+def check_names(patch: Patch, names: Iterable[str], taken: Collection[str], doing: str) -> None:
+    """Raise RunError for a parameter with the name of a variable of the data set.
+
+    taken: the variables beside those of the readouts; doing: what a parameter cannot then ("be swept").
+    """
+    of_readouts = {name for readout in patch.readouts for name in scalar_names(readout)}
+    for name in names:
+        if name in taken or name in of_readouts:
+            raise RunError(
+                f"the parameter {name} cannot {doing}: the result has a variable of that name; "
+                "rename the parameter"
+            )
 
 
 def check_jobs(jobs: int | None) -> None:

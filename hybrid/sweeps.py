@@ -38,12 +38,12 @@ from hybrid.points import (
     Point,
     Task,
     check_jobs,
+    check_names,
     counts_text,
     measured_variables,
     number,
     origin,
     play_all,
-    scalar_names,
     transients,
 )
 from hybrid.record import exact_parameters, machine_facts, parameter_texts
@@ -183,12 +183,7 @@ def check_sweep(
     check_parameter(patch, over)
     if over in parameters:
         raise RunError(f"{over} is both set and swept; leave out one of them")
-    scalars = {name for r in patch.readouts for name in scalar_names(r)}
-    if over in VARIABLES | scalars:
-        raise RunError(
-            f"the parameter {over} cannot be swept: the result has a variable of that name; "
-            "rename the parameter"
-        )
+    check_names(patch, [over], VARIABLES, "be swept")
     check_jobs(jobs)
 
     def compiled(value: float) -> Machine:
