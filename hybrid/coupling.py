@@ -121,7 +121,7 @@ class _Tracker:
         self.in_flight = in_flight  # results on their way at the start
         starts = sum(1 for _, kind, _ in stretch.events if kind == Happening.START)
         n, m, words = len(analog.states), len(analog.inputs), len(tape.words)
-        adcs, memory = len(machine.samplers), len(tape.remembered)
+        adcs, memory = len(machine.samplers), len(self.program.keep)
         sizes = [n, m, adcs, adcs, memory, words, (self.in_flight + starts) * words]
         edges = np.concatenate([[0], np.cumsum(sizes)]).tolist()
         parts = [slice(a, b) for a, b in itertools.pairwise(edges)]
@@ -167,14 +167,12 @@ class _Tracker:
 
     def _start_program(self) -> None:
         one = self.value(self.u)[:1]
-        results = self.program.rows @ np.vstack(
-            [self.value(self.adc), self.value(self.memory), one]
-        )
+        inputs = np.vstack([self.value(self.adc), self.value(self.memory), one])
+        results = self.program.rows @ inputs
         first = self.queue.start + self.in_flight * len(results)
         self.set(slice(first, first + len(results)), results)
         self.in_flight += 1
-        if len(self.program.memory):
-            self.set(self.memory, results[self.program.memory])
+        self.set(self.memory, self.program.keep @ inputs)
 
     def _end_program(self) -> None:
         words = self.words.stop - self.words.start

@@ -6,7 +6,9 @@ from collections.abc import Mapping
 from typing import TypeAlias
 
 from hybrid.expressions import (
+    COMPARISONS,
     FUNCTIONS,
+    LOGIC,
     Binary,
     Call,
     ExpressionError,
@@ -39,11 +41,14 @@ def dimension_of(tree: Node, scope: Mapping[str, Dimension | None]) -> Dimension
         return look_up(tree, scope)
     parts = [(part, dimension_of(part, scope)) for part in children(tree)]
     if isinstance(tree, Unary):
-        return parts[0][1]
+        return parts[0][1] if tree.op == "-" else _all_pure(tree, parts)
     if isinstance(tree, Call):
         return _call_dimension(tree, parts)
-    if tree.op in ("+", "-"):
-        return _alike(tree, parts)
+    if tree.op in LOGIC:
+        return _all_pure(tree, parts)
+    if tree.op in ("+", "-") or tree.op in COMPARISONS:
+        shared = _alike(tree, parts)
+        return PURE if tree.op in COMPARISONS else shared
     (_, left), (_, right) = parts
     if tree.op == "**":
         return _power_dimension(tree, left, right)
@@ -70,16 +75,25 @@ def _alike(tree: Node, parts: _Parts) -> Dimension | None:
 
 def _call_dimension(tree: Call, parts: _Parts) -> Dimension | None:
     if tree.function == "previous":
+        _all_pure(tree, parts[1:])
         return parts[0][1]
     rule = FUNCTIONS[tree.function].rule
     if rule == "pure":
-        for part, dimension in parts:
-            _require_pure(tree, part, dimension)
-        return PURE
+        return _all_pure(tree, parts)
+    if rule == "select":
+        _all_pure(tree, parts[:1])
+        parts = parts[1:]
     shared = _alike(tree, parts)
     if rule == "ratio":
         return PURE
     return shared**0.5 if rule == "root" and shared is not None else shared
+
+
+def _all_pure(tree: Node, parts: _Parts) -> Dimension:
+    """Pure parts, a pure result."""
+    for part, dimension in parts:
+        _require_pure(tree, part, dimension)
+    return PURE
 
 
 def _power_dimension(

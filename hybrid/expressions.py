@@ -2,13 +2,15 @@
 
 `parsing` makes the trees and `dimensions` finds their units. A tree is canonical: a minus before a
 literal is part of the number, a plus before a term is dropped. So `parse(to_text(tree)) == tree` for
-every tree that `parse` gives.
+every tree that `parse` gives. A condition is a number, too: true is 1, false is 0, and what is not 0
+counts as true.
 """
 
 from __future__ import annotations
 
 import keyword
 import math
+import operator
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
 from typing import Literal, TypeAlias, TypeVar
@@ -29,6 +31,11 @@ class ExpressionError(ValueError):
         self.column = column
 
 
+BinaryOp: TypeAlias = Literal[
+    "+", "-", "*", "/", "**", "<", "<=", ">", ">=", "==", "!=", "and", "or"
+]
+
+
 @dataclass(frozen=True, slots=True)
 class Number:
     """A finite constant in SI units; a literal without a unit is PURE."""
@@ -46,24 +53,25 @@ class Name:
 
 @dataclass(frozen=True, slots=True)
 class Unary:
-    """Minus; `operand` is never a Number."""
+    """Minus, whose operand is never a Number, or "not"."""
 
-    op: Literal["-"]
+    op: Literal["-", "not"]
     operand: Node
 
 
 @dataclass(frozen=True, slots=True)
 class Binary:
-    """One of + - * / ** (power, which groups to the right)."""
+    """Arithmetic (** is power, which groups to the right), comparison, "and" or "or"."""
 
-    op: Literal["+", "-", "*", "/", "**"]
+    op: BinaryOp
     left: Node
     right: Node
 
 
 @dataclass(frozen=True, slots=True)
 class Call:
-    """A function of `FUNCTIONS`, or "previous" with one Name: its value of the cycle before."""
+    """A function of `FUNCTIONS`, or "previous" with one Name: its value of the cycle before, or with a
+    second argument that many cycles before."""
 
     function: str
     args: tuple[Node, ...]
@@ -76,16 +84,31 @@ def _sign(x: float) -> float:
     return float((x > 0.0) - (x < 0.0))
 
 
+def _limit(x: float, low: float, high: float) -> float:
+    return min(max(x, low), high) if low <= high else math.nan
+
+
+def _dead_zone(x: float, low: float, high: float) -> float:
+    """0 from low to high, beyond them what is beyond them."""
+    return x - _limit(x, low, high)
+
+
+def _round(x: float) -> float:
+    """To the nearest whole number, halves to the even one, as IEEE 754 rounds."""
+    return float(round(x))
+
+
 @dataclass(frozen=True, slots=True)
 class Function:
     """How a function is computed, how many arguments it takes and what it does to dimensions.
 
     `rule` is "pure" (pure arguments, pure result), "alike" (arguments alike, result like them),
-    "ratio" (arguments alike, pure result) or "root" (halves the exponents).
+    "ratio" (arguments alike, pure result), "root" (halves the exponents) or "select" (the first pure,
+    the others alike, result like them).
     """
 
     compute: Callable[..., float]
-    rule: Literal["pure", "alike", "ratio", "root"]
+    rule: Literal["pure", "alike", "ratio", "root", "select"]
     fewest: int = 1
     most: int = 1
 
@@ -105,24 +128,50 @@ FUNCTIONS: Mapping[str, Function] = {
     "min": Function(min, "alike", 2, 8),
     "max": Function(max, "alike", 2, 8),
     "sign": Function(_sign, "ratio"),
+    "sinh": Function(math.sinh, "pure"),
+    "cosh": Function(math.cosh, "pure"),
+    "tanh": Function(math.tanh, "pure"),
+    "asinh": Function(math.asinh, "pure"),
+    "acosh": Function(math.acosh, "pure"),
+    "atanh": Function(math.atanh, "pure"),
+    "log10": Function(math.log10, "pure"),
+    "hypot": Function(math.hypot, "alike", 2, 2),
+    "floor": Function(lambda x: float(math.floor(x)), "pure"),
+    "ceil": Function(lambda x: float(math.ceil(x)), "pure"),
+    "round": Function(_round, "pure"),
+    "mod": Function(operator.mod, "alike", 2, 2),  # has the sign of the divisor
+    "limit": Function(_limit, "alike", 3, 3),
+    "dead_zone": Function(_dead_zone, "alike", 3, 3),
+    "select": Function(lambda chosen, a, b: a if chosen else b, "select", 3, 3),
 }
 
 # Names that no signal or parameter may bear; Python's own words because its parser reads the text.
-RESERVED_NAMES = frozenset(FUNCTIONS) | frozenset(keyword.kwlist) | {"pi", "previous"}
+RESERVED_NAMES = frozenset(FUNCTIONS) | frozenset(keyword.kwlist) | {"pi", "previous", "next"}
 
 # math.pow and not **: a root of a negative number must fail, not turn complex.
-_COMPUTE: dict[str, Callable[[float, float], float]] = {
-    "+": lambda left, right: left + right,
-    "-": lambda left, right: left - right,
-    "*": lambda left, right: left * right,
-    "/": lambda left, right: left / right,
+OPERATORS: Mapping[str, Callable[[float, float], float]] = {
+    "+": operator.add,
+    "-": operator.sub,
+    "*": operator.mul,
+    "/": operator.truediv,
     "**": math.pow,
+    "<": operator.lt,
+    "<=": operator.le,
+    ">": operator.gt,
+    ">=": operator.ge,
+    "==": operator.eq,
+    "!=": operator.ne,
+    "and": lambda left, right: left != 0.0 and right != 0.0,
+    "or": lambda left, right: left != 0.0 or right != 0.0,
 }
+COMPARISONS = frozenset({"<", "<=", ">", ">=", "==", "!="})
+LOGIC = frozenset({"and", "or", "not"})
 
-# How strongly an operator binds: the higher first.
-_STRENGTH = {"+": 1, "-": 1, "*": 2, "/": 2, "**": 4}
-_UNARY_STRENGTH = 3
-_STRONGEST = 5
+# How strongly an operator binds: the higher first, as in Python.
+_STRENGTH = {"or": 1, "and": 2, **dict.fromkeys(COMPARISONS, 4), "+": 5, "-": 5, "*": 6, "/": 6}
+_STRENGTH["**"] = 8
+_UNARY_STRENGTH = {"not": 3, "-": 7}
+_STRONGEST = 9
 
 
 def children(tree: Node) -> tuple[Node, ...]:
@@ -142,20 +191,24 @@ def sub_expressions(tree: Node) -> Iterator[Node]:
 
 
 def names(tree: Node) -> frozenset[str]:
-    """Names whose present value is needed; those only under previous() are not among them."""
+    """Names whose present value is needed; a word only under previous() is not among them."""
     if isinstance(tree, Name):
         return frozenset({tree.id})
+    needed = children(tree)
     if isinstance(tree, Call) and tree.function == "previous":
-        return frozenset()
-    return frozenset().union(*map(names, children(tree)))
+        needed = needed[1:]
+    return frozenset().union(*map(names, needed))
+
+
+def previous_calls(tree: Node) -> tuple[Call, ...]:
+    """Every previous() in the tree."""
+    calls = (node for node in sub_expressions(tree) if isinstance(node, Call))
+    return tuple(call for call in calls if call.function == "previous")
 
 
 def previous_names(tree: Node) -> frozenset[str]:
-    """Names whose value of the cycle before is needed."""
-    calls = (node for node in sub_expressions(tree) if isinstance(node, Call))
-    return frozenset().union(
-        *(names(call.args[0]) for call in calls if call.function == "previous")
-    )
+    """Names whose value of a cycle before is needed."""
+    return frozenset().union(*(names(call.args[0]) for call in previous_calls(tree)))
 
 
 def is_constant(tree: Node) -> bool:
@@ -169,24 +222,35 @@ def evaluate(tree: Node, scope: Mapping[str, float]) -> float:
     Raises ExpressionError, naming the sub-expression, for a name that `scope` lacks, for
     previous(), and where the value is not finite and real (1/0, sqrt(-1), overflow).
     """
-    compute: Callable[..., float]
-    operands: tuple[float, ...]
-    if isinstance(tree, Binary):
-        compute = _COMPUTE[tree.op]
-        operands = (evaluate(tree.left, scope), evaluate(tree.right, scope))
-    elif isinstance(tree, Number):
+    if isinstance(tree, Number):
         return tree.value
-    elif isinstance(tree, Name):
-        compute, operands = float, (look_up(tree, scope),)
-    elif isinstance(tree, Unary):
-        return -evaluate(tree.operand, scope)
-    elif tree.function == "previous":
+    if isinstance(tree, Name):
+        return _finite(tree, float, (look_up(tree, scope),))
+    if isinstance(tree, Unary):
+        value = evaluate(tree.operand, scope)
+        return -value if tree.op == "-" else float(not value)
+    if isinstance(tree, Binary):
+        return _evaluate_binary(tree, scope)
+    if tree.function == "previous":
         raise ExpressionError(f"{to_text(tree)} has a value only while a program runs")
-    else:
-        compute = FUNCTIONS[tree.function].compute
-        operands = tuple([evaluate(argument, scope) for argument in tree.args])
+    if tree.function == "select":  # what is not selected need have no value
+        condition, chosen, other = tree.args
+        return evaluate(chosen if evaluate(condition, scope) else other, scope)
+    operands = tuple([evaluate(argument, scope) for argument in tree.args])
+    return _finite(tree, FUNCTIONS[tree.function].compute, operands)
+
+
+def _evaluate_binary(tree: Binary, scope: Mapping[str, float]) -> float:
+    left = evaluate(tree.left, scope)
+    if tree.op in LOGIC and bool(left) is (tree.op == "or"):
+        return float(bool(left))  # the right side need have no value
+    return _finite(tree, OPERATORS[tree.op], (left, evaluate(tree.right, scope)))
+
+
+def _finite(tree: Node, compute: Callable[..., float], operands: tuple[float, ...]) -> float:
+    """The value that `compute` gives; raises ExpressionError where it is not finite and real."""
     try:
-        value = compute(*operands)
+        value = float(compute(*operands))
     except (ArithmeticError, ValueError):
         value = math.nan
     if not math.isfinite(value):
@@ -216,20 +280,22 @@ def _text(tree: Node, needed: int) -> str:
     """Text of a tree, in parentheses if it binds less strongly than `needed`."""
     if isinstance(tree, Number):
         text = _number_text(tree)
-        strength = _UNARY_STRENGTH if text.startswith("-") else _STRONGEST
+        strength = _UNARY_STRENGTH["-"] if text.startswith("-") else _STRONGEST
     elif isinstance(tree, Name):
         return tree.id
     elif isinstance(tree, Call):
         return f"{tree.function}({', '.join(map(to_text, tree.args))})"
     elif isinstance(tree, Unary):
-        text, strength = "-" + _text(tree.operand, _UNARY_STRENGTH), _UNARY_STRENGTH
+        strength = _UNARY_STRENGTH[tree.op]
+        text = ("-" if tree.op == "-" else "not ") + _text(tree.operand, strength)
     else:
         strength = _STRENGTH[tree.op]
-        # Power groups to the right and lets a minus stand in its exponent: a**-b**c.
-        power = tree.op == "**"
-        left = _text(tree.left, _STRONGEST if power else strength)
-        right = _text(tree.right, _UNARY_STRENGTH if power else strength + 1)
-        space = " " if strength == 1 else ""
+        # Power groups to the right and lets a minus stand in its exponent: a**-b**c. What a comparison
+        # compares is no comparison: a < b < c means a < b and b < c.
+        power, compares = tree.op == "**", tree.op in COMPARISONS
+        left = _text(tree.left, _STRONGEST if power else strength + compares)
+        right = _text(tree.right, _UNARY_STRENGTH["-"] if power else strength + 1)
+        space = " " if strength <= _STRENGTH["+"] else ""
         text = f"{left}{space}{tree.op}{space}{right}"
     return text if strength >= needed else f"({text})"
 

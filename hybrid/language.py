@@ -157,7 +157,11 @@ DIGITAL_KEYS = (
         Bound.NOT_NEGATIVE,
         default="0 s",
     ),
-    Key("remember", Holds.TERMS, "first values of the words read with previous(word)"),
+    Key(
+        "remember",
+        Holds.TERMS,
+        "first values of the words read with previous(...)",
+    ),
     Key("program", Holds.TERMS, "assignments, word: arithmetic", required=True),
 )
 

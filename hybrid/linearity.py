@@ -13,7 +13,7 @@ import numpy.typing as npt
 
 from hybrid.errors import NOWHERE, Place, RunError
 from hybrid.machine import Floats
-from hybrid.tape import Op, Tape
+from hybrid.tape import Memory, Op, Tape
 
 
 class NotLinear(RunError):
@@ -25,13 +25,18 @@ class NotLinear(RunError):
         super().__init__(f"{place}: {message}" if str(place) else message)
 
 
+# A delay of more cycles would make matrices that take minutes.
+MOST_REMEMBERED = 1000
+
+
 @dataclass(frozen=True, eq=False)
 class LinearProgram:
-    """words = inputs @ [ADC words, remembered values, 1], shape (words, adcs + memory + 1)."""
+    """One cycle as matrices over inputs = [ADC words, remembered values, 1]."""
 
-    rows: Floats
+    rows: Floats  # (words, inputs): the words
+    keep: Floats  # (remembered, inputs): what is remembered for the next cycle
     adcs: int
-    memory: npt.NDArray[np.int64]  # word that each remembered value takes over
+    takes_over: npt.NDArray[np.int64]  # (remembered,): the word whose value, sooner or later, it is
 
     def steady(self) -> Floats:
         """Words for inputs that stay as they are, (words, adcs + 1).
@@ -40,7 +45,7 @@ class LinearProgram:
         """
         back = self.rows[:, self.adcs : -1]
         words = np.eye(len(self.rows))
-        for column, word in enumerate(self.memory):
+        for column, word in enumerate(self.takes_over):
             words[:, word] -= back[:, column]
         direct = np.delete(self.rows, np.s_[self.adcs : self.rows.shape[1] - 1], axis=1)
         if len(words) and np.linalg.cond(words) > 1e12:
@@ -53,28 +58,44 @@ class LinearProgram:
 @functools.lru_cache(maxsize=8)
 def linear_program(tape: Tape, adcs: int) -> LinearProgram:
     """Play the tape on linear forms instead of numbers; raises NotLinear naming the word."""
-    width = adcs + len(tape.remembered) + 1
+    lengths = tape.memory[:, Memory.LENGTH].astype(np.int64)
+    remembered = int(np.sum(lengths + 1))
+    if remembered > MOST_REMEMBERED:
+        raise NotLinear(
+            f"the program remembers {remembered} values; an exact prediction takes at most "
+            f"{MOST_REMEMBERED}"
+        )
+    width = adcs + remembered + 1
+    unit = np.eye(width)
     forms = np.zeros((len(tape.registers), width))
     forms[:, -1] = tape.registers
-    for adc in range(adcs):
-        forms[adc] = np.eye(width)[adc]
-    for column, (register, _) in enumerate(tape.memory):
-        forms[register] = np.eye(width)[adcs + column]
+    forms[:adcs] = unit[:adcs]
+    # Each delay has columns of its own, in the order in which their values come out.
+    firsts = adcs + np.cumsum(lengths + 1) - (lengths + 1)
+    forms[tape.memory[:, Memory.KEEPS]] = unit[firsts]
+    _play(tape, forms)
+    word_of = {register: i for i, register in enumerate(tape.word_registers.tolist())}
+    keep = np.eye(remembered, width, k=adcs + 1)  # each takes over the next one of its delay
+    keep[firsts + lengths - adcs] = forms[tape.memory[:, Memory.SOURCE]]
+    sources = [word_of[register] for register in tape.memory[:, Memory.SOURCE].tolist()]
+    takes_over = np.repeat(np.array(sources, dtype=np.int64), lengths + 1)
+    return LinearProgram(forms[tape.word_registers], keep, adcs, takes_over)
+
+
+def _play(tape: Tape, forms: Floats) -> None:
+    """Do the operations of a cycle on the forms of the registers."""
     for (op, target, a, b), owner in zip(tape.code.tolist(), tape.owner, strict=True):
         with np.errstate(over="ignore", invalid="ignore"):
-            form = _linear_operation(op, forms[a], forms[b])
+            form = _operation(op, forms[target], forms[a], forms[b])
         word, place = tape.words[owner], tape.places[owner]
         if form is None:
             raise NotLinear(f"word {word!r} is not linear in what the program reads", place)
         if not np.all(np.isfinite(form)):
             raise NotLinear(f"word {word!r} has a coefficient that is not finite", place)
         forms[target] = form
-    word_of = {register: i for i, register in enumerate(tape.word_registers.tolist())}
-    memory = np.array([word_of[r] for r in tape.memory[:, 1].tolist()], dtype=np.int64)
-    return LinearProgram(forms[tape.word_registers], adcs, memory)
 
 
-def _linear_operation(op: int, a: Floats, b: Floats) -> Floats | None:
+def _operation(op: int, held: Floats, a: Floats, b: Floats) -> Floats | None:
     """The form that an operation gives; None where it is not linear."""
     constant_a, constant_b = not np.any(a[:-1]), not np.any(b[:-1])
     if op == Op.COPY:
@@ -93,4 +114,6 @@ def _linear_operation(op: int, a: Floats, b: Floats) -> Floats | None:
         return quotient
     if op == Op.POW and constant_b and b[-1] == 1.0:
         return a
+    if op == Op.SELECT and not np.any(held[:-1]):
+        return a if held[-1] != 0.0 else b
     return None

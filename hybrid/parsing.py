@@ -1,7 +1,8 @@
 """Reading arithmetic: the text of a patch file becomes a tree, never code.
 
-Valid are numbers, names (ASCII letters, digits, underscore), + - * / ** and parentheses, the
-constant pi and the functions in `expressions.FUNCTIONS`. `^` means power, as on paper. A number with
+Valid are numbers, names (ASCII letters, digits, underscore), + - * / ** and parentheses, comparisons,
+`and`, `or`, `not`, the constant pi and the functions in `expressions.FUNCTIONS`. `^` means power, as on
+paper; a < b < c means a < b and b < c. A number with
 a unit ("1 ms") stands alone and becomes a `Number` in SI units. Python's parser reads the text;
 nothing is ever evaluated by Python.
 """
@@ -9,17 +10,19 @@ nothing is ever evaluated by Python.
 from __future__ import annotations
 
 import ast
+import functools
 import keyword
 import math
 import re
 from collections.abc import Set
-from typing import Literal
 
 from hybrid.errors import did_you_mean
 from hybrid.expressions import (
     FUNCTIONS,
+    LOGIC,
     RESERVED_NAMES,
     Binary,
+    BinaryOp,
     Call,
     ExpressionError,
     Name,
@@ -33,23 +36,45 @@ from hybrid.units import UnitError, looks_like_quantity, parse_quantity, split_q
 LONGEST_TEXT = 2000
 DEEPEST_TREE = 100
 
-_VALID = "valid are numbers, names, + - * / ** ( ), pi and " + ", ".join(FUNCTIONS)
+_VALID = (
+    "valid are numbers, names, + - * / ** ( ), < <= > >= == !=, and or not, pi and "
+    + ", ".join(FUNCTIONS)
+)
 
-_OPERATORS: dict[type[ast.operator], Literal["+", "-", "*", "/", "**"]] = {
+_OPERATORS: dict[type[ast.operator | ast.cmpop | ast.boolop], BinaryOp] = {
     ast.Add: "+",
     ast.Sub: "-",
     ast.Mult: "*",
     ast.Div: "/",
     ast.Pow: "**",
+    ast.Lt: "<",
+    ast.LtE: "<=",
+    ast.Gt: ">",
+    ast.GtE: ">=",
+    ast.Eq: "==",
+    ast.NotEq: "!=",
+    ast.And: "and",
+    ast.Or: "or",
+}
+# Python's words for what is said otherwise here.
+_OTHERWISE = {
+    "if": "write select(condition, a, b)",
+    "else": "write select(condition, a, b)",
+    "True": "write 1",
+    "False": "write 0",
 }
 
 _WORD = re.compile(r"(?<![\w.])[A-Za-z_]\w*+", re.ASCII)
-_BAD_CHARACTER = re.compile(r"[^A-Za-z0-9_.+\-*/^(), \t\n]")
+_BAD_CHARACTER = re.compile(r"[^A-Za-z0-9_.+\-*/^(), \t\n<>=!]|!(?!=)")
+_EQUALS = re.compile(r"(?<![<>=!])=(?!=)")
+_LOGIC_WORD = re.compile(r"(?<![\w.])(and|or|not)(?!\w)", re.ASCII)
 _NOT_FINITE = re.compile(r"[+-]?\.?(nan|inf|infinity)(\s+\S.*)?", re.ASCII | re.IGNORECASE)
 _DECIMAL_COMMA = re.compile(r"(?<![\w.,])(\d++),(\d++)(?![\w.]*,)", re.ASCII)
 _NAME_ALONE = re.compile(r"[A-Za-z_]\w*+", re.ASCII)
 _NUMBER_THEN_NAME = re.compile(
-    r"(?<![\w.])((?:\d++\.?+\d*+|\.\d++)(?:[eE][+-]?\d++)?+)[ \t]*+([A-Za-z_]\w*+)", re.ASCII
+    r"(?<![\w.])((?:\d++\.?+\d*+|\.\d++)(?:[eE][+-]?\d++)?+)"
+    r"[ \t]*+(?!(?:and|or|not|if|else)\b)([A-Za-z_]\w*+)",
+    re.ASCII,
 )
 
 
@@ -79,7 +104,7 @@ def parse(
             f"an expression has at most {LONGEST_TEXT} characters, this has {len(text)}"
         )
     _refuse_what_is_no_number(text, names)
-    if looks_like_quantity(text):
+    if looks_like_quantity(text) and not _LOGIC_WORD.search(text):
         _refuse_hidden_product(text, names)
         return _quantity(text)
     _refuse_foreign_text(text)
@@ -142,6 +167,8 @@ def _refuse_foreign_text(text: str) -> None:
     """Refuse, with its column, what Python would read and arithmetic does not know."""
     if found := _BAD_CHARACTER.search(text):
         raise ExpressionError(f"unexpected {found[0]!r}; {_VALID}", found.start() + 1)
+    if found := _EQUALS.search(text):
+        raise ExpressionError("write == to compare", found.start() + 1)
     if found := _NUMBER_THEN_NAME.search(text):
         raise ExpressionError(
             f"write {found[1]}*{found[2]} for a product; a number with a unit must stand alone, "
@@ -149,8 +176,9 @@ def _refuse_foreign_text(text: str) -> None:
             found.start() + 1,
         )
     for found in _WORD.finditer(text):
-        if keyword.iskeyword(found[0]):
-            raise ExpressionError(f"{found[0]!r} is a reserved word; {_VALID}", found.start() + 1)
+        if keyword.iskeyword(found[0]) and found[0] not in LOGIC:
+            instead = _OTHERWISE.get(found[0], _VALID)
+            raise ExpressionError(f"{found[0]!r} is a reserved word; {instead}", found.start() + 1)
 
 
 class _Reader:
@@ -186,8 +214,7 @@ class _Reader:
         return self._read(tree.body, 1)
 
     def _read(self, node: ast.expr, depth: int) -> Node:
-        if depth > DEEPEST_TREE:
-            raise self._too_deep()
+        self._require_depth(depth)
         match node:
             case ast.Constant(value=int() | float() as value):
                 return self._number(node, value)
@@ -197,13 +224,27 @@ class _Reader:
                 return self._read(operand, depth + 1)
             case ast.UnaryOp(op=ast.USub(), operand=operand):
                 return _negative(self._read(operand, depth + 1))
+            case ast.UnaryOp(op=ast.Not(), operand=operand):
+                return Unary("not", self._read(operand, depth + 1))
             case ast.BinOp(left=left, op=op, right=right) if type(op) in _OPERATORS:
                 symbol = _OPERATORS[type(op)]
                 return Binary(symbol, self._read(left, depth + 1), self._read(right, depth + 1))
+            case ast.BoolOp(op=op, values=values):
+                self._require_depth(depth + len(values))
+                return _joined(_OPERATORS[type(op)], [self._read(v, depth + 1) for v in values])
+            case ast.Compare(left=left, ops=ops, comparators=others) if self._compares(ops):
+                self._require_depth(depth + len(ops))
+                parts = [self._read(part, depth + 1) for part in (left, *others)]
+                pairs = zip(ops, parts, parts[1:], strict=False)
+                return _joined("and", [Binary(_OPERATORS[type(op)], a, b) for op, a, b in pairs])
             case ast.Call(func=ast.Name(id=name), args=args, keywords=[]):
                 return self._call(node, name, tuple(self._read(a, depth + 1) for a in args))
         text = shown(self._source[node.col_offset : node.end_col_offset])
         raise self._error(f"{text} is not arithmetic; {_VALID}", node)
+
+    @staticmethod
+    def _compares(ops: list[ast.cmpop]) -> bool:
+        return all(type(op) in _OPERATORS for op in ops)
 
     def _number(self, node: ast.expr, value: int | float) -> Number:
         try:
@@ -228,8 +269,12 @@ class _Reader:
         if name == "previous":
             if not self._allow_previous:
                 raise self._error("previous() is valid only in a digital program", node)
-            if len(args) != 1 or not isinstance(args[0], Name):
-                raise self._error("previous() takes one name: previous(theta)", node)
+            if len(args) not in (1, 2) or not isinstance(args[0], Name):
+                raise self._error(
+                    "previous() takes one name, and how many cycles ago: previous(theta), "
+                    "previous(theta, 3)",
+                    node,
+                )
             return Call(name, args)
         function = FUNCTIONS.get(name)
         if function is None:
@@ -243,10 +288,19 @@ class _Reader:
     def _error(self, message: str, node: ast.expr) -> ExpressionError:
         return ExpressionError(message, self._column[node.col_offset])
 
+    def _require_depth(self, depth: int) -> None:
+        if depth > DEEPEST_TREE:
+            raise self._too_deep()
+
     def _too_deep(self) -> ExpressionError:
         return ExpressionError(
             f"nested more than {DEEPEST_TREE} operations deep; split it into named signals"
         )
+
+
+def _joined(op: BinaryOp, parts: list[Node]) -> Node:
+    """Parts in a row with the same operator between them, grouped from the left."""
+    return functools.reduce(lambda left, right: Binary(op, left, right), parts)
 
 
 def _negative(operand: Node) -> Node:

@@ -158,7 +158,7 @@ def _sampled_case(machine: Machine) -> Case | None:
     if machine.samplers[0].delay_ticks or machine.samplers[0].conversion_ticks:
         return None
     program = linear_program(machine.tape, 1)
-    if len(program.memory):
+    if len(program.keep):
         return None
     analog = coupling.ideal_analog(machine.patch, machine.parameters)
     b, c, d = coupling.converter_paths(machine.patch, analog)

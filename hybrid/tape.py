@@ -1,6 +1,6 @@
 """The digital program as a flat tape: operations on numbered registers, played by one kernel.
 
-Stage 3. Registers hold, in this order: ADC words, program words, remembered values, constants,
+Stage 3. Registers hold, in this order: ADC words, program words, then remembered values, constants and
 temporaries. Sub-expressions of parameters alone are computed here once and become constants.
 """
 
@@ -15,6 +15,7 @@ import numpy.typing as npt
 
 from hybrid.errors import PatchError, Place
 from hybrid.expressions import (
+    FUNCTIONS,
     Binary,
     Call,
     ExpressionError,
@@ -24,12 +25,15 @@ from hybrid.expressions import (
     evaluate,
     names,
     previous_names,
+    shown,
+    to_text,
 )
 from hybrid.patch import Program
 
 
 class Op(IntEnum):
-    """Operation codes; unary ones ignore their second operand."""
+    """Operation codes: target = f(a, b), unary ones of a alone; those from SELECT on = f(target, a, b),
+    with what the target held before as their first argument."""
 
     COPY = 0
     ADD = 1
@@ -52,10 +56,61 @@ class Op(IntEnum):
     EXP = 18
     LOG = 19
     SIGN = 20
+    SINH = 21
+    COSH = 22
+    TANH = 23
+    ASINH = 24
+    ACOSH = 25
+    ATANH = 26
+    LOG10 = 27
+    HYPOT = 28
+    FLOOR = 29
+    CEIL = 30
+    ROUND = 31
+    MOD = 32
+    NOT = 33
+    AND = 34
+    OR = 35
+    LT = 36
+    LE = 37
+    GT = 38
+    GE = 39
+    EQ = 40
+    NE = 41
+    SELECT = 42
+    LIMIT = 43
+    DEAD_ZONE = 44
 
 
-BINARY_OPS = {"+": Op.ADD, "-": Op.SUB, "*": Op.MUL, "/": Op.DIV, "**": Op.POW}
-FUNCTION_OPS = {op.name.lower(): op for op in Op if op >= Op.MIN}
+BINARY_OPS = {
+    "+": Op.ADD,
+    "-": Op.SUB,
+    "*": Op.MUL,
+    "/": Op.DIV,
+    "**": Op.POW,
+    "<": Op.LT,
+    "<=": Op.LE,
+    ">": Op.GT,
+    ">=": Op.GE,
+    "==": Op.EQ,
+    "!=": Op.NE,
+    "and": Op.AND,
+    "or": Op.OR,
+}
+FUNCTION_OPS = {op.name.lower(): op for op in Op if op.name.lower() in FUNCTIONS}
+# The longest delay, in cycles.
+LONGEST_DELAY = 1_000_000
+
+
+class Memory(IntEnum):
+    """Columns of `Tape.memory`. At the end of a cycle KEEPS takes over what SOURCE holds: at once where
+    LENGTH is 0, else LENGTH cycles later. Until then that is in a ring of LENGTH registers from RING + 1
+    on; RING itself holds which of them is the oldest."""
+
+    KEEPS = 0
+    SOURCE = 1
+    RING = 2
+    LENGTH = 3
 
 
 @dataclass(frozen=True, eq=False)
@@ -63,24 +118,25 @@ class Tape:
     """One program: `code` rows are (operation, destination, operand, operand)."""
 
     words: tuple[str, ...]
-    remembered: tuple[str, ...]
     code: npt.NDArray[np.int32]  # (operations, 4)
     owner: tuple[int, ...]  # which word each operation helps to compute
     registers: npt.NDArray[np.float64]  # first values
     word_registers: npt.NDArray[np.int32]
-    memory: npt.NDArray[np.int32]  # (remembered, 2): memory register, word register
+    memory: npt.NDArray[np.int32]  # (remembered, 4), see Memory; in the order in which they change
     places: tuple[Place, ...]  # of the words in the patch file
 
 
 class _Builder:
     """Assigns registers and appends operations."""
 
-    def __init__(self, scope: Mapping[str, float]) -> None:
+    def __init__(self, program: Program | None, scope: Mapping[str, float]) -> None:
         self.scope = scope
+        self.remember = program.remember if program else {}
         self.values: list[float] = []
         self.place: dict[str, int] = {}
-        self.memory: dict[str, int] = {}
         self.constants: dict[float, int] = {}
+        self.delays: dict[tuple[str, int], int] = {}  # word, cycles -> register
+        self.memory: list[tuple[int, int, int, int]] = []
         self.code: list[tuple[int, int, int, int]] = []
         self.owner: list[int] = []
 
@@ -95,23 +151,33 @@ class _Builder:
 
     def compute(self, node: Node) -> int:
         """Register that holds the node's value once the code so far has run."""
-        if not (names(node) - self.scope.keys()) and not previous_names(node):
+        if self.is_known(node):
             return self.constant(evaluate(node, self.scope))
         match node:
+            case Call("select", (condition, chosen, other)) if self.is_known(condition):
+                return self.compute(chosen if evaluate(condition, self.scope) else other)
             case Name(id):
                 return self.place[id]
-            case Call("previous", (Name(id),)):
-                return self.memory[id]
-            case Unary(_, operand):
-                return self.emit(Op.NEG, self.compute(operand))
+            case Call("previous", (Name(id), *rest)):
+                return self.delay(id, self.cycles(node, rest[0]) if rest else 1)
+            case Unary(op, operand):
+                return self.emit(Op.NEG if op == "-" else Op.NOT, self.compute(operand))
             case Binary(op, left, right):
                 return self.emit(BINARY_OPS[op], self.compute(left), self.compute(right))
             case Call(function, arguments):
                 return self.call(FUNCTION_OPS[function], arguments)
         raise AssertionError(f"no operation for {node!r}")
 
+    def is_known(self, node: Node) -> bool:
+        """Whether the node has a value before the run."""
+        return names(node) <= self.scope.keys() and not previous_names(node)
+
     def call(self, op: Op, arguments: tuple[Node, ...]) -> int:
         held = [self.compute(argument) for argument in arguments]
+        if op >= Op.SELECT:
+            target = self.emit(Op.COPY, held[0])
+            self.code.append((op, target, held[1], held[2]))
+            return target
         if op not in (Op.MIN, Op.MAX):
             return self.emit(op, *held)
         result = held[0]
@@ -124,19 +190,38 @@ class _Builder:
         self.code.append((op, target, a, b))
         return target
 
+    def cycles(self, node: Node, argument: Node) -> int:
+        """How many cycles ago; arithmetic such as delay/period need be whole but for rounding."""
+        value = evaluate(argument, self.scope)
+        whole = round(value)
+        if not 1 <= whole <= LONGEST_DELAY or abs(value - whole) > 1e-9 * whole:
+            raise ExpressionError(
+                f"{shown(to_text(node))} asks for {value:.10g} cycles ago; "
+                f"that must be a whole number from 1 to {LONGEST_DELAY}"
+            )
+        return whole
+
+    def delay(self, word: str, cycles: int) -> int:
+        """Register of a word's value `cycles` ago."""
+        if (word, cycles) not in self.delays:
+            first, ring = self.remember[word].number(self.scope), cycles - 1
+            keeps = self.register(first)
+            start = len(self.values)
+            if ring:
+                self.values += [0.0, *[first] * ring]
+            self.memory.append((keeps, self.place[word], start if ring else 0, ring))
+            self.delays[word, cycles] = keeps
+        return self.delays[word, cycles]
+
 
 def build_tape(program: Program | None, adcs: tuple[str, ...], scope: Mapping[str, float]) -> Tape:
     """Compile `program` for the parameter values in `scope`; ADC words take registers 0, 1, ..."""
-    build = _Builder(scope)
+    build = _Builder(program, scope)
     for name in adcs:
         build.place[name] = build.register()
     assignments = program.assignments if program else ()
     for assignment in assignments:
         build.place[assignment.word] = build.register()
-    remembered = tuple(sorted(program.remember)) if program else ()
-    for name in remembered:
-        assert program is not None
-        build.memory[name] = build.register(program.remember[name].number(scope))
     for index, assignment in enumerate(assignments):
         before = len(build.code)
         try:
@@ -148,11 +233,10 @@ def build_tape(program: Program | None, adcs: tuple[str, ...], scope: Mapping[st
     words = tuple(assignment.word for assignment in assignments)
     return Tape(
         words,
-        remembered,
         np.array(build.code, dtype=np.int32).reshape(-1, 4),
         tuple(build.owner),
         np.array(build.values, dtype=np.float64),
         np.array([build.place[w] for w in words], dtype=np.int32),
-        np.array([(build.memory[n], build.place[n]) for n in remembered], np.int32).reshape(-1, 2),
+        np.array(build.memory, dtype=np.int32).reshape(-1, len(Memory)),
         tuple(assignment.place for assignment in assignments),
     )

@@ -55,6 +55,13 @@ seeded = settings(derandomize=True, deadline=None, max_examples=200)
         ("a - b - c", Binary("-", Binary("-", Name("a"), Name("b")), Name("c"))),
         (" a\n + b ", Binary("+", Name("a"), Name("b"))),
         ("atan2(y, x)", Call("atan2", (Name("y"), Name("x")))),
+        ("a < b", Binary("<", Name("a"), Name("b"))),
+        ("a+1 >= b*c", Binary(">=", parse("a + 1"), parse("b*c"))),
+        ("a < b <= c", Binary("and", parse("a < b"), parse("b <= c"))),
+        ("not a == b", Unary("not", parse("a == b"))),
+        ("a or b and c or a", Binary("or", Binary("or", Name("a"), parse("b and c")), Name("a"))),
+        ("1 and a", Binary("and", Number(1.0), Name("a"))),
+        ("a > 1 and not b", Binary("and", parse("a > 1"), Unary("not", Name("b")))),
         ("lambda_1 + if_", Binary("+", Name("lambda_1"), Name("if_"))),
     ],
 )
@@ -76,7 +83,16 @@ VALID = "valid are numbers"
         ("x.real", "not arithmetic", 1),
         ("1 + x.real", "not arithmetic", 5),
         ("x[0]", "unexpected '['", 2),
-        ("x < y", "unexpected '<'", 3),
+        ("x = y", "write ==", 3),
+        ("x <> y", "not arithmetic", 3),
+        ("!x", "unexpected '!'", 1),
+        ("x & y", "unexpected '&'", 3),
+        ("x is y", "reserved word", 3),
+        ("x < y < 2 ms", "must stand alone", 9),
+        ("x and", VALID, 5),
+        ("limit(x, 1)", "takes 3 argument(s), not 2", 1),
+        (" and ".join("x" * 150), "100 operations deep", None),
+        (" < ".join("x" * 150), "100 operations deep", None),
         ("'os'", 'unexpected "\'"', 1),
         ("(x := 1)", "unexpected ':'", 4),
         ("f'{x}'", "unexpected", 2),
@@ -87,8 +103,8 @@ VALID = "valid are numbers"
         ("abs()(x)", "not arithmetic", 1),
         ("...", "not arithmetic", 1),
         ("lambda", "reserved word", 1),
-        ("y + (x if x else y)", "reserved word", 8),
-        ("True", "reserved word", 1),
+        ("y + (x if x else y)", "write select(condition, a, b)", 8),
+        ("True", "write 1", 1),
         ("2*(3j)", "write 3*j", 4),
         ("1 + 2x", "write 2*x", 5),
         ("1 + 2 ms", "must stand alone", 5),
@@ -133,7 +149,11 @@ def test_a_refusal_says_why_and_where(text, reason, column):
 
 def test_previous_takes_one_name_and_only_where_allowed():
     assert parse("previous(x)", allow_previous=True) == Call("previous", (Name("x"),))
-    for text in ("previous(1)", "previous(x + y)", "previous(x, y)", "previous(pi)", "previous()"):
+    assert parse("previous(x, 3)", allow_previous=True) == Call(
+        "previous", (Name("x"), Number(3.0))
+    )
+    refused = ("previous(1)", "previous(x + y)", "previous(x, 1, 2)", "previous(pi)", "previous()")
+    for text in refused:
         with pytest.raises(ExpressionError, match="takes one name"):
             parse(text, allow_previous=True)
 
@@ -172,13 +192,15 @@ def test_sub_expressions_come_before_their_operands():
 
 # Trees written with a random choice of parentheses; the text is the input, nothing of ours made it.
 
+JOINTS = [*"+-*/^<>", "**", "<=", ">=", "==", "!=", "and", "or"]
 atoms = st.sampled_from(["a", "b", "2", "0.5", "1e-3", "pi"])
 texts = st.recursive(
     atoms,
     lambda inner: st.one_of(
         inner.map(lambda x: f"-{x}"),
         inner.map(lambda x: f"({x})"),
-        st.tuples(inner, st.sampled_from(["+", "-", "*", "/", "**", "^"]), inner).map(" ".join),
+        st.tuples(inner, st.sampled_from(JOINTS), inner).map(" ".join),
+        inner.map(lambda x: f"(not {x})"),
         inner.map(lambda x: f"sin({x})"),
         st.tuples(inner, inner).map(lambda two: f"max({two[0]}, {two[1]})"),
     ),
@@ -210,6 +232,13 @@ def test_numbers_round_trip_with_their_units(text):
         ("(a**b)**c", "(a**b)**c"),
         ("a**(b**c)", "a**b**c"),
         ("2^(-x)", "2**-x"),
+        ("(a < b) < c", "(a < b) < c"),
+        ("a < (b < c)", "a < (b < c)"),
+        ("(a and b) and (c or a)", "a and b and (c or a)"),
+        ("a and (b and c)", "a and (b and c)"),
+        ("not (not a)", "not not a"),
+        ("-(not a)*b", "-(not a)*b"),
+        ("not (a or b)", "not (a or b)"),
         ("-(a*b)", "-(a*b)"),
     ],
 )
@@ -256,6 +285,19 @@ def test_arbitrary_text_is_read_or_refused_without_a_warning(text, allow_previou
         ("log(exp(1))", 1.0),
         ("250 us", 2.5e-4),
         ("x - y", -1.0),
+        ("1 < 2 and not 3 <= 2", 1.0),
+        ("(1 > 2) + (2 >= 2) + (1 != 1) + (0 == -0)", 2.0),
+        ("2 or 1/0", 1.0),
+        ("0 and 1/0", 0.0),
+        ("3 > 2 > 1", 1.0),
+        ("(3 > 2) == 1", 1.0),
+        ("select(x > y, 1/0, 5)", 5.0),
+        ("limit(7, -1, 2) + limit(-7, -1, 2) + limit(0.5, -1, 2)", 1.5),
+        ("dead_zone(7, -1, 2) + dead_zone(-7, -1, 2) + dead_zone(0.5, -1, 2)", -1.0),
+        ("floor(-1.5) + 10*ceil(-1.5)", -12.0),
+        ("round(0.5) + round(1.5) + round(-2.5)", 0.0),
+        ("mod(-1, 3) + mod(1, -3)/4", 1.5),
+        ("hypot(3, 4) + log10(1000)", 8.0),
     ],
 )
 def test_values_by_hand(text, value):
@@ -343,6 +385,11 @@ def test_precedence_is_pythons(terms):
         ("(-8)**(1/3)", "'(-8)**(1/3)' has no finite value"),
         ("10**10**10", "'10**10**10' has no finite value"),
         ("0**-1", "'0**-1' has no finite value"),
+        ("limit(x, 2, 1)", "'limit(x, 2, 1)' has no finite value for operands 1, 2, 1"),
+        ("dead_zone(x, 2, 1)", "has no finite value"),
+        ("mod(x, 0)", "'mod(x, 0)' has no finite value"),
+        ("select(1, 1/0, x)", "'1/0' has no finite value"),
+        ("x and 1/0", "'1/0' has no finite value"),
         ("xx", "unknown name 'xx'; did you mean 'x'"),
         ("bad", "'bad' has no finite value"),
     ],
@@ -394,6 +441,13 @@ UNITS = {"x": LENGTH, "v": SPEED, "t": TIME, "p": PURE, "u": None}
         ("exp(u)", PURE),
         ("atan2(x, v*t)", PURE),
         ("previous(x) - x", LENGTH),
+        ("previous(x, p) - x", LENGTH),
+        ("(x < v*t)*v", SPEED),
+        ("x > 0 and not p or u", PURE),
+        ("select(x > 0, x, v*t)", LENGTH),
+        ("select(u, 0, v)", SPEED),
+        ("limit(v, 0, x/t)", SPEED),
+        ("mod(x, v*t) + hypot(x, x)", LENGTH),
     ],
 )
 def test_dimensions(text, dimension):
@@ -415,6 +469,13 @@ def test_dimensions(text, dimension):
         ("x**p", "its exponent must be a plain number"),
         ("x**u", "its exponent must be a plain number"),
         ("previous(x) - v", "must have the same units"),
+        ("previous(x, t)", "'t' [s] must be a pure number"),
+        ("x < v", "in 'x < v': 'x' [m] and 'v' [m/s] must have the same units"),
+        ("p and x", "'x' [m] must be a pure number"),
+        ("not x", "'x' [m] must be a pure number"),
+        ("select(x, p, p)", "'x' [m] must be a pure number"),
+        ("select(p, x, v)", "'x' [m] and 'v' [m/s] must have the same units"),
+        ("floor(x)", "'x' [m] must be a pure number"),
         ("z", "unknown name 'z'; valid: p, t, u, v, x"),
     ],
 )
@@ -449,7 +510,7 @@ def test_every_function_is_read_and_has_a_dimension():
         for count in {function.fewest, function.most}:
             tree = parse(f"{name}({', '.join(['p'] * count)})")
             assert dimension_of(tree, UNITS) == PURE
-            assert math.isfinite(evaluate(tree, {"p": 0.5}))
+            assert math.isfinite(evaluate(tree, {"p": 2.0 if name == "acosh" else 0.5}))
 
 
 @pytest.mark.parametrize("text", ["10 rad//s", "10 foo/s", "20 degC", "3 dB"])

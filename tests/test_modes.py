@@ -290,8 +290,8 @@ analog:
   half: {constant: 0.5, full_scale: 1}
   # (a + 2 / a) / 2 of the value kept from the last operation, scaled by 2
   inverse: {divide: [half, kept], full_scale: 1}
-  next: {sum: {kept: 0.5, inverse: 0.5}, full_scale: 1}
-  x: {integrate: {zero: 1 1/s}, initial: next, full_scale: 1}
+  better: {sum: {kept: 0.5, inverse: 0.5}, full_scale: 1}
+  x: {integrate: {zero: 1 1/s}, initial: better, full_scale: 1}
   zero: {constant: 0, full_scale: 1}
   caught: {track: x, control: operating, initial: 1, full_scale: 1}
   kept: {track: caught, control: holding, initial: 1, full_scale: 1}

@@ -45,7 +45,8 @@ from hybrid.engine.circuit import (
     WHICH,
     Circuit,
 )
-from hybrid.engine.kernel import Floats, Ints, compiled, inlined
+from hybrid.engine.compiling import compiled, inlined
+from hybrid.engine.kernel import Floats, Ints
 from hybrid.engine.nodes import Nodes
 from hybrid.engine.sweep import (
     AS,

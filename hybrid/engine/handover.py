@@ -6,7 +6,8 @@ Stage 4.
 from __future__ import annotations
 
 from hybrid.engine.circuit import TEAR, Circuit
-from hybrid.engine.kernel import Floats, compiled
+from hybrid.engine.compiling import compiled
+from hybrid.engine.kernel import Floats
 from hybrid.engine.nodes import Nodes, point_weights
 from hybrid.engine.sweep import (
     AGE,

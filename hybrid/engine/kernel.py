@@ -12,11 +12,11 @@ import math
 from pathlib import Path
 from typing import Any, NamedTuple
 
-import numba
 import numpy as np
 import numpy.typing as npt
 
-from hybrid.tape import Op
+from hybrid.engine.arithmetic import remember, run_tape
+from hybrid.engine.compiling import compiled, inlined
 
 Floats = npt.NDArray[np.float64]
 Ints = npt.NDArray[np.int64]
@@ -91,17 +91,6 @@ class State(NamedTuple):
 # What a cue asks for.
 ADVANCE, SAMPLE, CONVERT, TAKE, START, END, LATCH, SOURCE, LOOK, RECORD = range(10)
 
-# Operations of the tape, as plain numbers for the compiler.
-COPY, ADD, SUB, MUL, DIV, POW, NEG = (
-    int(op) for op in (Op.COPY, Op.ADD, Op.SUB, Op.MUL, Op.DIV, Op.POW, Op.NEG)
-)
-MIN, MAX, ABS, SQRT, SIN, COS, TAN = (
-    int(op) for op in (Op.MIN, Op.MAX, Op.ABS, Op.SQRT, Op.SIN, Op.COS, Op.TAN)
-)
-ASIN, ACOS, ATAN, ATAN2, EXP, LOG = (
-    int(op) for op in (Op.ASIN, Op.ACOS, Op.ATAN, Op.ATAN2, Op.EXP, Op.LOG)
-)
-
 # Indices into State.counts: slots of the ring, rows to skip, rows written, draws used, place in the
 # segment; whether an overload ends the run: NEVER, the next one, or one that is there already.
 STARTED, ENDED, SKIP, ROWS, DRAWS, REPEAT, CUE, STOPS = range(8)
@@ -116,74 +105,6 @@ DONE, PAUSED, RUNAWAY, NOT_FINITE, WAITING, CHATTERS, NOT_RESOLVED, OVERLOADED =
 
 # Beyond this many machine units a run means nothing any more and soon overflows.
 RUNAWAY_MU = 1e12
-
-
-def compiled(function: Any) -> Any:
-    """Compile at first call, keep on disk, release the interpreter lock, follow IEEE division."""
-    return numba.njit(cache=True, nogil=True, error_model="numpy", fastmath={"contract"})(function)
-
-
-def inlined(function: Any) -> Any:
-    """Compiled into its caller: a call would cost more than these few operations."""
-    return numba.njit(
-        cache=True, nogil=True, error_model="numpy", fastmath={"contract"}, inline="always"
-    )(function)
-
-
-@compiled
-def compute_function(op: int, a: float, b: float) -> float:
-    """An operation of the tape that is more than arithmetic."""
-    if op == MIN:
-        return min(a, b)
-    if op == MAX:
-        return max(a, b)
-    if op == ABS:
-        return abs(a)
-    if op == SQRT:
-        return math.sqrt(a) if a >= 0.0 else math.nan
-    if op == SIN:
-        return math.sin(a)
-    if op == COS:
-        return math.cos(a)
-    if op == TAN:
-        return math.tan(a)
-    if op == ASIN:
-        return math.asin(a) if abs(a) <= 1.0 else math.nan
-    if op == ACOS:
-        return math.acos(a) if abs(a) <= 1.0 else math.nan
-    if op == ATAN:
-        return math.atan(a)
-    if op == ATAN2:
-        return math.atan2(a, b)
-    if op == EXP:
-        return math.exp(a)
-    if op == LOG:
-        return math.log(a) if a > 0.0 else math.nan
-    return float(np.sign(a))
-
-
-@inlined
-def run_tape(code: npt.NDArray[np.int32], r: Floats) -> None:
-    """Play the operations of one cycle on registers `r`."""
-    for k in range(code.shape[0]):
-        op, a, b = code[k, 0], r[code[k, 2]], r[code[k, 3]]
-        if op == COPY:
-            result = a
-        elif op == ADD:
-            result = a + b
-        elif op == SUB:
-            result = a - b
-        elif op == MUL:
-            result = a * b
-        elif op == DIV:
-            result = a / b
-        elif op == NEG:
-            result = -a
-        elif op == POW:
-            result = a**b
-        else:
-            result = compute_function(op, a, b)
-        r[code[k, 1]] = result
 
 
 @inlined
@@ -337,8 +258,7 @@ def play(
                 run_tape(code, registers)
                 for w in range(word_registers.shape[0]):
                     ring[started, w] = registers[word_registers[w]]
-                for m in range(memory.shape[0]):
-                    registers[memory[m, 0]] = registers[memory[m, 1]]
+                remember(memory, registers)
                 started = started + 1 if started + 1 < depth else 0
             elif cue == END:
                 for w in range(words.shape[0]):

@@ -24,7 +24,8 @@ from typing import NamedTuple
 import numpy as np
 from numpy.polynomial import legendre
 
-from hybrid.engine.kernel import Floats, Ints, compiled
+from hybrid.engine.compiling import compiled
+from hybrid.engine.kernel import Floats, Ints
 
 # Above this many time constants the integral is summed by parts, which ends after q + 1 terms; up to it
 # a Gauss rule of this many points errs by less than 1e-16 for q <= 10.

@@ -29,9 +29,10 @@ from hybrid.engine.circuit import (
     SOURCE,
     Circuit,
 )
+from hybrid.engine.compiling import compiled
 from hybrid.engine.corners import Log, moves, new_log, settle
 from hybrid.engine.handover import accept, guess, watch
-from hybrid.engine.kernel import Floats, Ints, compiled
+from hybrid.engine.kernel import Floats, Ints
 from hybrid.engine.nodes import Nodes, Shelf, free_slot, new_shelf, padded
 from hybrid.engine.projection import Projection, noise_spread, projected_law, projection
 from hybrid.engine.sweep import (

@@ -20,9 +20,10 @@ from typing import NamedTuple
 import numpy as np
 
 from hybrid.engine.circuit import FIRST_PIECE, HIGH, LOW, Circuit
+from hybrid.engine.compiling import compiled
 from hybrid.engine.corners import Log, change_piece, first_exit, leaves, locate, settle
 from hybrid.engine.handover import FULL_SCALE, accept, guess, watch
-from hybrid.engine.kernel import RUNAWAY_MU, Floats, Ints, compiled
+from hybrid.engine.kernel import RUNAWAY_MU, Floats, Ints
 from hybrid.engine.nodes import Nodes, Shelf, point_weights
 from hybrid.engine.noise import Noise, bring_up, finest, jump, play_truth, show
 from hybrid.engine.sweep import (

@@ -57,7 +57,8 @@ from hybrid.engine.circuit import (
     TEAR,
     Circuit,
 )
-from hybrid.engine.kernel import RUNAWAY_MU, Floats, Ints, compiled, inlined
+from hybrid.engine.compiling import compiled, inlined
+from hybrid.engine.kernel import RUNAWAY_MU, Floats, Ints
 from hybrid.engine.nodes import Nodes, Shelf, padded, shelved
 from hybrid.modes import HOLD, IC, OP
 

@@ -14,8 +14,9 @@ import numpy as np
 from hybrid.elements import INPUT
 from hybrid.engine import kernel
 from hybrid.engine.circuit import Builder, Circuit
+from hybrid.engine.compiling import compiled
 from hybrid.engine.corners import Log, new_log, settle
-from hybrid.engine.kernel import Coupling, Deck, Floats, Ints, Pens, Plant, Score, State, compiled
+from hybrid.engine.kernel import Coupling, Deck, Floats, Ints, Pens, Plant, Score, State
 from hybrid.engine.linear import Overload, Player
 from hybrid.engine.nodes import Nodes, Shelf, new_shelf, nodes
 from hybrid.engine.noise import Noise, jump, new_noise

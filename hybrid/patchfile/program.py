@@ -7,7 +7,14 @@ from dataclasses import replace
 
 from hybrid.dimensions import dimension_of
 from hybrid.errors import PatchError, Place, did_you_mean, quoted
-from hybrid.expressions import ExpressionError, names, previous_names
+from hybrid.expressions import (
+    ExpressionError,
+    names,
+    previous_calls,
+    previous_names,
+    shown,
+    to_text,
+)
 from hybrid.fields import table_of, value_of
 from hybrid.graph import dependency_order, find_loop
 from hybrid.language import DIGITAL_KEYS
@@ -53,6 +60,13 @@ def _assignment(book: Book, word: str, tree: Tree, readable: frozenset[str]) -> 
         raise PatchError(f"{what}: {error}", tree.place) from None
     for name in sorted((names(expr) | previous_names(expr)) - readable):
         _refuse(book, what, name, tree.place)
+    for call in previous_calls(expr):
+        for name in sorted(names(call) - set(book.named(Role.PARAMETER))):
+            raise PatchError(
+                f"{what} reads {shown(to_text(call))}, but how many cycles ago cannot depend on "
+                f"{name!r}; give a whole number, or arithmetic over parameters",
+                tree.place,
+            )
     for name in sorted(previous_names(expr)):
         if book.roles[name] is not Role.WORD:
             raise PatchError(

@@ -1,0 +1,19 @@
+"""How the engine's functions are compiled: one way for all, so that they may call each other."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numba
+
+
+def compiled(function: Any) -> Any:
+    """Compile at first call, keep on disk, release the interpreter lock, follow IEEE division."""
+    return numba.njit(cache=True, nogil=True, error_model="numpy", fastmath={"contract"})(function)
+
+
+def inlined(function: Any) -> Any:
+    """Compiled into its caller: a call would cost more than these few operations."""
+    return numba.njit(
+        cache=True, nogil=True, error_model="numpy", fastmath={"contract"}, inline="always"
+    )(function)
