@@ -42,8 +42,7 @@ def here(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
 
 def test_the_patch_itself_is_right(here: Path, capsys: pytest.CaptureFixture[str]) -> None:
     Path("loop.yaml").write_text(PATCH)
-    assert main(["check", "loop.yaml"]) == 0  # which may compile, and say so
-    capsys.readouterr()
+    hybrid.run("loop.yaml")  # only who compiles has something to say
     assert main(["check", "loop.yaml"]) == 0
     assert capsys.readouterr().err == ""
 
