@@ -23,6 +23,7 @@ from hybrid.machine import (
     Timing,
 )
 from hybrid.machines import PRESETS, Preset
+from hybrid.memo import KeptByUse
 from hybrid.modes import HOLD, IC, OP, TIMED_MODE
 from hybrid.patch import Adc, Component, Dac, Patch, Value
 from hybrid.scale import TICKS_PER_SECOND, to_seconds, to_ticks
@@ -64,13 +65,9 @@ def compile_patch(
     serial = patch.machine.serial if serial is None else serial
     if not 0 <= serial <= LARGEST_SERIAL:
         raise RunError(f"serial is {serial}; it must be a whole number from 0 to 2^63 - 1")
-    common = {} if machine else patch.machine.errors
     time_scale = _time_scale(patch, scope)
     resolution = 0.0 if machine else _pot_resolution(patch, scope)
-    stages = {
-        part.name: _output_stage(part, preset, common, serial, scope, time_scale, resolution)
-        for part in patch.analog_parts
-    }
+    stages = _stages(scope, patch, preset.name, bool(machine), serial, time_scale, resolution)
     elements: Elements = ()
     operating, has_modes = None, patch.leaves_op or any(c.is_switched for c in patch.components)
     saturates = any(stage.saturation < math.inf for stage in stages.values())
@@ -85,7 +82,7 @@ def compile_patch(
         steps += _mode_changes(operation, analog.inputs.index(TIMED_MODE))
     adcs = sorted(patch.adcs, key=lambda adc: adc.name)
     dacs = sorted(patch.dacs, key=lambda dac: dac.name)
-    tape = build_tape(patch.program, tuple(adc.name for adc in adcs), scope)
+    tape = _tape(scope, patch, tuple(adc.name for adc in adcs))
     scales = dict(zip(analog.signals, analog.full_scale.tolist(), strict=True))
     return Machine(
         patch,
@@ -105,6 +102,29 @@ def compile_patch(
         time_scale,
         operating,
     )
+
+
+def _draw_stages(
+    scope: Mapping[str, float],
+    patch: Patch,
+    preset_name: str,
+    given: bool,
+    serial: int,
+    time_scale: float,
+    resolution: float,
+) -> dict[str, OutputStage]:
+    """The errors of every component; given: the preset replaces the patch's whole machine line."""
+    common = {} if given else patch.machine.errors
+    preset = PRESETS[preset_name]
+    return {
+        part.name: _output_stage(part, preset, common, serial, scope, time_scale, resolution)
+        for part in patch.analog_parts
+    }
+
+
+# Most parameters of a sweep change neither; T changes the program only where it is written in it.
+_stages = KeptByUse(_draw_stages)
+_tape = KeptByUse(lambda scope, patch, adcs: build_tape(patch.program, adcs, scope))
 
 
 def find_preset(patch: Patch, machine: str | None) -> Preset:

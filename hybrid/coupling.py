@@ -187,7 +187,21 @@ class _Tracker:
         driven = {self.u.start + holder.input for holder in self.machine.holders}
         drop = [self.x.start + i for i in analog.sources]
         drop += [i for i in range(self.u.start, self.u.stop) if i not in driven]
-        return _without(self.moved, drop)
+        return _lasting(_without(self.moved, drop))
+
+
+def _lasting(change: Floats) -> Floats:
+    """M - I without what is overwritten before anybody reads it: samples, words, what DACs held.
+
+    Nothing depends on such a figure, so its column of M is zero, and so is its eigenvalue. Without it
+    others may be such.
+    """
+    while len(change):
+        read = (change + np.eye(len(change))).any(axis=0)
+        if read.all():
+            break
+        change = change[read][:, read]
+    return change
 
 
 def _without(matrix: Floats, dropped: Sequence[int]) -> Floats:

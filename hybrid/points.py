@@ -6,7 +6,9 @@ replayed alone. Where they are interrupted, those that are done are kept.
 
 from __future__ import annotations
 
+import functools
 import math
+import pickle
 from collections.abc import Callable, Collection, Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from typing import Any
@@ -179,10 +181,26 @@ def _handfuls(
     import joblib
 
     count = -(-len(orders) // _points_at_once(first, len(orders)))
-    parallel = joblib.Parallel(n_jobs=jobs or -1, return_as="generator_unordered")
+    # A handful at a time: joblib would put more together, and one worker would end long after others.
+    parallel = joblib.Parallel(n_jobs=jobs or -1, return_as="generator_unordered", batch_size=1)
+    packed = pickle.dumps(task)
     with deaf_children():
-        handfuls = parallel(joblib.delayed(task.points)(orders[i::count]) for i in range(count))
+        handfuls = parallel(
+            joblib.delayed(_points_of)(packed, orders[i::count]) for i in range(count)
+        )
     yield from handfuls
+
+
+def _points_of(packed: bytes, orders: Sequence[Order]) -> list[Point]:
+    """The runs of a pickled task."""
+    return _unpacked(packed).points(orders)
+
+
+# What a worker has learnt of a patch holds for its next handful.
+@functools.lru_cache(maxsize=2)
+def _unpacked(packed: bytes) -> Task:
+    task: Task = pickle.loads(packed)
+    return task
 
 
 def counts_text(points: Sequence[Point]) -> str:

@@ -6,6 +6,7 @@ modes of `coupling`.
 
 from __future__ import annotations
 
+import functools
 import math
 from collections.abc import Callable
 from dataclasses import asdict, dataclass
@@ -20,8 +21,8 @@ from hybrid.coupling import Mode
 from hybrid.errors import HybridError, RunError, shown
 from hybrid.expressions import names, previous_names
 from hybrid.graph import simple_loops
-from hybrid.linearity import linear_program
-from hybrid.machine import Machine
+from hybrid.linearity import LinearProgram, linear_program
+from hybrid.machine import Analog, Machine
 from hybrid.patch import Patch
 from hybrid.theory import ClosedForm
 
@@ -161,13 +162,9 @@ def _sampled_case(machine: Machine) -> Case | None:
     if len(program.keep):
         return None
     analog = coupling.ideal_analog(machine.patch, machine.parameters)
-    b, c, d = coupling.converter_paths(machine.patch, analog)
-    gain = program.rows[:, :1]
-    b, d = b @ gain, d @ gain
-    markov = [
-        (c @ np.linalg.matrix_power(analog.a, k) @ b).item() for k in range(len(analog.a) + 1)
-    ]
-    direct, first, second, rest = d.item(), markov[0], markov[1], markov[2:]
+    if not len(analog.a):
+        return None
+    direct, first, second, *rest = _impulse_response(machine.patch, analog, program)
     if second >= 0 or abs(direct) > ROUNDING:
         return None
     omega_p, period_s = math.sqrt(-second), machine.cycle_s
@@ -179,6 +176,18 @@ def _sampled_case(machine: Machine) -> Case | None:
     if abs(lead - 1.5) < ROUNDING:
         return Case("2.2", omega_p, period_s)
     return None
+
+
+# The same at every point of a sweep of T.
+@functools.lru_cache(maxsize=8)
+def _impulse_response(patch: Patch, analog: Analog, program: LinearProgram) -> tuple[float, ...]:
+    """Once round from the ADC to itself: the gain without delay, then the Markov parameters."""
+    b, c, d = coupling.converter_paths(patch, analog)
+    gain = program.rows[:, :1]
+    b, d = b @ gain, d @ gain
+    powers = range(len(analog.a) + 1)
+    markov = [(c @ np.linalg.matrix_power(analog.a, k) @ b).item() for k in powers]
+    return (d.item(), *markov)
 
 
 def _analog_case(machine: Machine) -> Case | None:

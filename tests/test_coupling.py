@@ -397,6 +397,15 @@ def test_results_passing_through_are_no_modes(shipped, compiled):
     assert len(found) <= 3
 
 
+@pytest.mark.parametrize("cycles", [1, 2, 5])
+def test_the_map_holds_what_lasts_and_nothing_else(cycles, shipped, compiled):
+    # theta, theta_dot and the results on their way; samples and words are overwritten unread.
+    machine = compiled(shipped("pitch_loop"), {"compute_time": cycles * 1e-3})
+    change, _ = cycle_map(machine)
+    assert change.shape == (2 + cycles, 2 + cycles)
+    assert len(exact_modes(machine)) == 2 + cycles
+
+
 # --- programs that are not linear ----------------------------------------------------------------
 
 

@@ -1,0 +1,53 @@
+"""Results that are kept, because the next run of a sweep asks for the same.
+
+Stage 0.
+"""
+
+from __future__ import annotations
+
+from collections import OrderedDict
+from collections.abc import Callable, Mapping
+from typing import Any, Generic, TypeVar
+
+Result = TypeVar("Result")
+
+# Kept of each function; the oldest goes first.
+MOST_KEPT = 64
+
+
+class _Watched(dict[str, float]):
+    """A scope that notes what is looked up in it."""
+
+    def __init__(self, scope: Mapping[str, float]) -> None:
+        super().__init__(scope)
+        self.used: dict[str, float] = {}
+
+    def __getitem__(self, name: str) -> float:
+        value = super().__getitem__(name)
+        self.used[name] = value
+        return value
+
+
+class KeptByUse(Generic[Result]):
+    """`build(scope, *others)`, kept for all scopes that agree in what the building looked up.
+
+    Whatever a building does depends on the figures it has looked up so far, so where all of them are
+    the same the result is, too. `others` must be hashable; nobody may change a result.
+    """
+
+    def __init__(self, build: Callable[..., Result]) -> None:
+        self.build = build
+        self.kept: OrderedDict[tuple[Any, ...], tuple[dict[str, float], Result]] = OrderedDict()
+
+    def __call__(self, scope: Mapping[str, float], *others: Any) -> Result:
+        """The result that is kept, or a new one; raises what building raises."""
+        found = self.kept.get(others)
+        if found and all(scope.get(name) == value for name, value in found[0].items()):
+            return found[1]
+        watched = _Watched(scope)
+        result = self.build(watched, *others)
+        self.kept[others] = watched.used, result
+        self.kept.move_to_end(others)
+        if len(self.kept) > MOST_KEPT:
+            self.kept.popitem(last=False)
+        return result
