@@ -1,6 +1,12 @@
-"""What the tests share: play a patch in one call, and matrix exponentials in decimals."""
+"""What the tests share: play a patch in one call, and matrix exponentials in decimals.
+
+When all tests are shared among workers, the nonlinear engine is compiled once, before the first test,
+and not by each of them; and the files that take longest come first, so that the workers end together.
+"""
 
 import math
+import subprocess
+import sys
 from dataclasses import dataclass
 from decimal import Decimal, localcontext
 from pathlib import Path
@@ -19,6 +25,51 @@ from hybrid.timeline import build_timeline
 PATCHES = Path(__file__).parent.parent / "patches"
 DIGITS = 120  # forty squarings of a stiff matrix cost at most as many digits
 SERIES_TERMS = 60  # 0.1**60 / 60! is far below 10**-DIGITS
+
+# The nonlinear engine is compiled twice, without noise and with it.
+COMPILE = "import sys, hybrid; hybrid.run('van_der_pol', machine=sys.argv[1])"
+COMPILING = pytest.StashKey[list[subprocess.Popen[bytes]]]()
+# From a minute down to some ten seconds.
+LONGEST = (
+    "test_benches.py",
+    "test_noise_in_windows.py",
+    "test_cli.py",
+    "test_shipped_patches.py",
+    "test_relaxation.py",
+    "test_sources.py",
+    "test_bad_input.py",
+)
+
+
+def pytest_sessionstart(session):
+    """Begin to compile while the workers start; where tests were named, whoever needs it does."""
+    config = session.config
+    config.stash[COMPILING] = []
+    shared = not hasattr(config, "workerinput") and getattr(config.option, "numprocesses", None)
+    if shared and config.args_source == pytest.Config.ArgsSource.TESTPATHS:
+        config.stash[COMPILING] = [
+            subprocess.Popen([sys.executable, "-c", COMPILE, machine])
+            for machine in ("lags", "nominal")
+        ]
+
+
+@pytest.hookimpl(optionalhook=True)
+def pytest_xdist_node_collection_finished(node):
+    """No test is handed out before the engine is compiled."""
+    for process in node.config.stash[COMPILING]:
+        process.wait()
+
+
+def pytest_sessionfinish(session):
+    """Nothing goes on after an interrupt."""
+    for process in session.config.stash[COMPILING]:
+        process.kill()
+
+
+def pytest_collection_modifyitems(items):
+    """The longest files first, all others as they were."""
+    place = {name: i for i, name in enumerate(LONGEST)}
+    items.sort(key=lambda item: place.get(item.path.name, len(LONGEST)))
 
 
 @dataclass(frozen=True)
