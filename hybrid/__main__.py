@@ -5,7 +5,8 @@ from __future__ import annotations
 import os
 import signal
 import sys
-from typing import Any
+from contextlib import suppress
+from typing import Any, NoReturn
 
 
 def main() -> int:
@@ -23,7 +24,18 @@ def main() -> int:
     code = command()
     if listening:  # the answer is given and the files are written: nothing is left to interrupt
         signal.signal(signal.SIGINT, signal.SIG_IGN)
+    if "joblib" not in sys.modules:  # which has workers to dismiss
+        _end(code)
     return code
+
+
+def _end(code: int) -> NoReturn:
+    """Everything is written: taking numba apart piece by piece would only take longer."""
+    for stream in (sys.stdout, sys.stderr):
+        with suppress(OSError, ValueError):
+            if stream:
+                stream.flush()
+    os._exit(code)
 
 
 def _leave(*_: Any) -> None:

@@ -6,15 +6,17 @@ it starts at once, nothing else of the project is loaded before it.
 
 from __future__ import annotations
 
+import sys
+import threading
 from contextlib import suppress
-from multiprocessing import get_context
+from multiprocessing import get_all_start_methods, get_context
 from multiprocessing.connection import Connection
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from hybrid.errors import HybridError
 from hybrid.interrupts import held_back
-from hybrid.loading import seldom_collect
+from hybrid.loading import load_matplotlib_without_3d, seldom_collect
 
 if TYPE_CHECKING:
     from hybrid.storage import Parts
@@ -30,11 +32,13 @@ class Filing:
     def __init__(self, chart: bool) -> None:
         """Start loading; `chart`: a strip chart will be asked for."""
         self.chart = chart
-        processes = get_context("spawn")
+        forks = _may_fork()
+        processes: Any = get_context("fork" if forks else "spawn")
         self.line, far_end = processes.Pipe()
+        copied = self.line if forks else None
         # A daemon: whatever happens, it is gone with the main process and nobody waits for it.
-        self.process = processes.Process(target=_serve, args=(far_end, chart), daemon=True)
-        with held_back():
+        self.process = processes.Process(target=_serve, args=(far_end, chart, copied), daemon=True)
+        with held_back(starts_tracker=not forks):
             self.process.start()
         far_end.close()
 
@@ -74,6 +78,15 @@ class Filing:
         return files
 
 
+def _may_fork() -> bool:
+    """Whether a copy of this process will do, which is there at once: it must not lack any threads.
+
+    A command begins like that; numpy brings threads that Python does not count.
+    """
+    alone = threading.active_count() == 1 and "numpy" not in sys.modules
+    return alone and "fork" in get_all_start_methods()
+
+
 def write_files(
     parts: Parts,
     readouts: dict[str, dict[str, Any]],
@@ -96,11 +109,17 @@ def write_files(
     return [str(record_file), str(chart_file)]
 
 
-def _serve(line: Connection, chart: bool) -> None:
-    """Load what writing needs, then do one piece of work."""
-    seldom_collect()
+def _serve(line: Connection, chart: bool, copied: Connection | None) -> None:
+    """Load what writing needs, then do one piece of work.
+
+    `copied`: the other end of the line, which must be open in the main process alone, so that its end is
+    heard here.
+    """
+    if copied:
+        copied.close()
     seldom_collect()
     if chart:
+        load_matplotlib_without_3d()
         import hybrid.charts.strip
     import netCDF4  # noqa: F401
 

@@ -61,18 +61,20 @@ def deaf_children() -> Iterator[None]:
 
 
 @contextmanager
-def held_back() -> Iterator[None]:
+def held_back(starts_tracker: bool = True) -> Iterator[None]:
     """Ctrl-C waits until the end of this; processes started meanwhile never hear it.
 
     They inherit that the signal is blocked. Unlike one that is ignored, it is not lost for the main
-    process. Where signals cannot be blocked, this is `deaf_children`.
+    process. Where signals cannot be blocked, this is `deaf_children`. starts_tracker: the processes are
+    of a kind that multiprocessing keeps a process for.
     """
     on_main = threading.current_thread() is threading.main_thread()
     if not hasattr(signal, "pthread_sigmask") or not on_main:
         with deaf_children():
             yield
         return
-    resource_tracker.ensure_running()  # the first process would start it, and that lets signals through
+    if starts_tracker:  # the first process would, and that lets signals through
+        resource_tracker.ensure_running()
     before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
     try:
         yield

@@ -7,6 +7,7 @@ import signal
 import subprocess
 import sys
 import time
+from multiprocessing import get_all_start_methods
 from pathlib import Path
 
 import numpy as np
@@ -77,6 +78,19 @@ def test_leaving_at_once_never_waits(heard: bool) -> None:
         signal.signal(signal.SIGTERM, before)
 
 
+@pytest.mark.skipif("fork" not in get_all_start_methods(), reason="needs fork")
+def test_a_command_starts_by_a_copy_that_ends_with_it() -> None:
+    code = (
+        "import os, signal; from hybrid.filing import Filing; filing = Filing(chart=True);"
+        "print(type(filing.process).__name__, filing.process.pid, flush=True);"
+        "os.kill(os.getpid(), signal.SIGKILL)"
+    )
+    begun = [sys.executable, "-c", code]
+    told = subprocess.run(begun, stdout=subprocess.PIPE, text=True, timeout=60, check=False).stdout
+    # Its end of the output is closed, so it has ended too: only so does `run` come back.
+    assert told.startswith("ForkProcess ")
+
+
 def test_what_cannot_be_written_is_said(result: Run, tmp_path: Path) -> None:
     with pytest.raises((RunError, OSError)):
         write_files(result.parts(), {}, None, tmp_path / "no folder" / "decay", False)
@@ -87,6 +101,15 @@ def test_a_plain_record_reads_like_a_dataset(result: Run) -> None:
     assert list(plain.data_vars) == list(result.record.data_vars)
     assert np.array_equal(plain["x"].values, result.record["x"].values)
     assert plain["time"].attrs == result.record["time"].attrs
+
+
+def test_the_command_leaves_drawing_in_three_dimensions_to_others() -> None:
+    code = (
+        "import sys; from hybrid.loading import load_matplotlib_without_3d as load; load();"
+        "import hybrid.charts.strip; assert 'mpl_toolkits.mplot3d' not in sys.modules;"
+        "import mpl_toolkits.mplot3d"
+    )
+    subprocess.run([sys.executable, "-W", "error", "-c", code], check=True)
 
 
 def test_the_command_loads_numba_whole_for_others() -> None:
