@@ -5,11 +5,11 @@ from decimal import Decimal, localcontext
 import numpy as np
 import pytest
 
+from hybrid.engine.lanes import LANES
 from hybrid.engine.nodes import (
     law_weights,
     new_shelf,
     nodes,
-    padded,
     point_weights,
     shelved,
 )
@@ -45,19 +45,20 @@ def lagrange(points, k):
 
 
 def weights(q, rate, drive, length_s):
-    out, decay = np.zeros((padded(q) // 4, q + 1, 4)), np.zeros(padded(q))
+    out, decay = np.zeros((1 + LANES, LANES)), np.zeros(LANES)
     law_weights(nodes(q), rate, drive, length_s, out, decay)
-    return out.transpose(0, 2, 1).reshape(padded(q), q + 1), decay
+    assert not np.any(out[q + 1 :])
+    return out[: q + 1].T, decay
 
 
-@pytest.mark.parametrize("q", [4, 7, 8, 10])
+@pytest.mark.parametrize("q", [4, 7, 8])
 @pytest.mark.parametrize(
     "z", ["1e-6", "1e-3", "0.3", "1", "5", "19", "21", "60", "1500", "1e5", "1e9"]
 )
 def test_a_lag_is_exact_for_every_polynomial_through_the_points(q, z):
     got, decay = weights(q, float(z), float(z), 1.0)
     np.testing.assert_allclose(got[:q], exact_weights(q, Decimal(z)), rtol=0, atol=2e-14)
-    np.testing.assert_allclose(decay[:q], np.exp(-float(z) * np.array(nodes(q).marks)), rtol=1e-13)
+    np.testing.assert_allclose(decay[:q], np.exp(-float(z) * nodes(q).marks), rtol=1e-13)
     # Constant in, the same constant out.
     np.testing.assert_allclose(got.sum(axis=1) + decay, 1.0, atol=2e-14)
 
@@ -67,7 +68,7 @@ def test_short_windows_keep_their_relative_precision():
     np.testing.assert_allclose(got[:8], exact_weights(8, Decimal("1e-6")), rtol=0, atol=1e-20)
 
 
-@pytest.mark.parametrize("q", [4, 8, 9])
+@pytest.mark.parametrize("q", [4, 7, 8])
 def test_an_integrator_integrates_every_power_up_to_q_and_to_2q_minus_2_at_the_end(q):
     got, decay = weights(q, 0.0, 1.0, 1.0)
     points = nodes(q).points
@@ -96,13 +97,13 @@ def test_nodes_beyond_q_repeat_the_last():
 
 def test_the_shelf_keeps_powers_of_two_and_what_comes_again():
     grid, laws = nodes(8), np.array([[0.0, 1.0], [1e6, 1e6]])
-    shelf = new_shelf(8, 2, slots=4)
+    shelf = new_shelf(2, slots=4)
     slots = [shelved(shelf, grid, laws, h) for h in (2.0**-10, 3e-3, 2e-3, 3e-3, 2.0**-10, 2.0**-9)]
     assert slots == [1, 0, 0, 2, 1, 3]
     assert shelved(shelf, grid, laws, 2.0**-8) == 1
     assert shelved(shelf, grid, laws, 3e-3) == 2
     expected = weights(8, 1e6, 1e6, 2.0**-8)[0]
-    assert np.array_equal(shelf.weights[1, 1].transpose(0, 2, 1).reshape(8, 9), expected)
+    assert np.array_equal(shelf.weights[1, 1].T, expected)
 
 
 def test_weights_of_a_point_reproduce_polynomials_inside_and_outside_the_window():

@@ -14,16 +14,16 @@ from hybrid.engine.propagator import noise_covariance
 
 Q = 8
 TABLE = projection(Q)
-MARKS = np.array(nodes(Q).marks)
+MARKS = nodes(Q).marks
 # Both ways of making them, on either side of where one takes over from the other.
 LAGS_PER_WINDOW = (1e-3, 0.3, 4.0, 19.99, 20.01, 150.0, 1e5)
 
 
 def law(rate, drive, length_s):
     """(decay (q,), weights (q, q)): nodes of y from its start and from the nodes of v."""
-    weights, decay = np.full((2, Q + 1, 4), np.nan), np.full(8, np.nan)
+    weights, decay = np.full((Q + 1, Q), np.nan), np.full(8, np.nan)
     projected_law(TABLE, rate, drive, length_s, weights, decay)
-    rows = weights.transpose(0, 2, 1).reshape(8, Q + 1)
+    rows = weights.T
     assert not np.any(rows[:, 0])  # nothing is made of v at the start
     return decay, rows[:, 1:]
 

@@ -96,6 +96,7 @@ class Circuit(NamedTuple):
     corners: Ints  # (corners, 4): see the columns above
     pieces: Floats  # (pieces, 6): see the columns above
     ranges: Ints  # (2,): heads, cores
+    torn: Ints  # elements that are read before they are computed
     initial: (
         Floats  # (n, 2): integrator's state or what a store holds; lagged output (nan: settled)
     )
@@ -377,6 +378,7 @@ def lay_out(
         ).reshape(-1, 4),
         np.array([p for c in corners for p in c[2]], dtype=float).reshape(-1, 6),
         np.array(ranges),
+        np.flatnonzero(rows[:, TEAR]),
         np.array([(e.initial, e.initial_output) for e in row]).reshape(-1, 2),
         np.array([c[3] for c in corners], dtype=np.int64),
         np.array(noisy_rows, dtype=np.int64).reshape(-1, 2),

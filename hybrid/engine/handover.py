@@ -5,9 +5,12 @@ Stage 4.
 
 from __future__ import annotations
 
-from hybrid.engine.circuit import TEAR, Circuit
+import numpy as np
+
+from hybrid.engine.circuit import Circuit
 from hybrid.engine.compiling import compiled
 from hybrid.engine.kernel import Floats
+from hybrid.engine.lanes import LANES, combine, copy
 from hybrid.engine.nodes import Nodes, point_weights
 from hybrid.engine.sweep import (
     AGE,
@@ -50,22 +53,18 @@ def guess(
 
     Only for signals that are read before they are computed.
     """
-    q, p = len(grid.marks), state.nodes.shape[1]
-    wanted = state.guess_for
+    q, wanted, weights = len(grid.marks), state.guess_for, state.guess
     if wanted[0] != place or wanted[1] != ratio or wanted[2] != degree:
         wanted[0], wanted[1], wanted[2] = place, ratio, degree
-        for i in range(p):
-            point_weights(grid, place + ratio * grid.marks[min(i, q - 1)], degree, state.guess[i])
-    row = state.row[0]
-    for e in range(nodes.shape[0]):
-        if circuit.rows[e, TEAR] == 0:
-            continue
-        for i in range(p):
-            row[i] = state.guess[i, 0] * start[e]
-            for j in range(q):
-                row[i] += state.guess[i, j + 1] * nodes[e, j]
-        for i in range(p):
-            state.nodes[e, i] = row[i]
+        at_node = np.empty(q + 1)
+        for i in range(LANES):
+            point_weights(grid, place + ratio * grid.marks[min(i, q - 1)], degree, at_node)
+            for k in range(q + 1):
+                weights[k, i] = at_node[k]
+    new, torn = state.nodes, circuit.torn
+    for k in range(torn.shape[0]):
+        e = torn[k]
+        combine(new, e, nodes, e, 0.0, weights, 0, start[e], nodes, e)
 
 
 @compiled
@@ -119,16 +118,14 @@ def accept(
         state.last,
         state.memory,
     )
-    rows = circuit.rows
-    for e in range(rows.shape[0]):
+    for e in range(start.shape[0]):
         past[e] = start[e]
         start[e] = nodes[e, end]
         memory[e, X] = memory[e, X_END]
         memory[e, DRIVE] = memory[e, DRIVE_END]
         memory[e, BEFORE] = memory[e, BEFORE_END]
-        if rows[e, TEAR] != 0:
-            for i in range(nodes.shape[1]):
-                last[e, i] = nodes[e, i]
+    for k in range(circuit.torn.shape[0]):
+        copy(last, circuit.torn[k], nodes, circuit.torn[k])
     for corner in range(state.piece.shape[0]):
         state.guard_start[corner] = state.guard[corner, end]
     clock = state.clock

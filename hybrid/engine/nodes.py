@@ -26,23 +26,25 @@ from numpy.polynomial import legendre
 
 from hybrid.engine.compiling import compiled
 from hybrid.engine.kernel import Floats, Ints
+from hybrid.engine.lanes import LANES
 
 # Above this many time constants the integral is summed by parts, which ends after q + 1 terms; up to it
-# a Gauss rule of this many points errs by less than 1e-16 for q <= 10.
+# a Gauss rule of this many points errs by less than 1e-16 for q <= 8. Below a part of one, the series of
+# the exponential does, after this many powers: 0.5^15 / 15! is 2e-17.
 FEW_CONSTANTS = 20.0
 GAUSS_POINTS = 26
+PART_OF_ONE = 0.5
+POWERS = 15
 
 
 class Nodes(NamedTuple):
-    """Fixed tables for one q; n = q + 1 points: the start (0), then the nodes.
+    """Fixed tables for one q; n = q + 1 points: the start (0), then the nodes."""
 
-    `marks` is a tuple, so that its length is known to the compiler and loops over it are unrolled.
-    """
-
-    marks: tuple[float, ...]  # (q,): the nodes, as fractions of the window; the last is 1
+    marks: Floats  # (q,): the nodes, as fractions of the window; the last is 1
     points: Floats  # (n,): the start and the nodes
     abscissae: Floats  # (GAUSS_POINTS,) on [0, 1]
     basis: Floats  # (q, GAUSS_POINTS, n): weight * l_k(c_j (1 - s_i)), l_k the Lagrange polynomials
+    powers: Floats  # (q, POWERS, n): integral over 0 <= x <= c_j of (-x)^m / m! l_k(c_j - x)
     slopes: Floats  # (n, n, n): [m, j, k], derivative number m of l_k at point j
     series: Floats  # (n, n): Legendre coefficients on [0, 1] from the values at the points
     between: (
@@ -53,27 +55,24 @@ class Nodes(NamedTuple):
 class Shelf(NamedTuple):
     """Operators made so far, by window length; a full shelf loses its oldest.
 
-    Powers of two of seconds are kept at once, other lengths when they are asked for a second time: most
-    come from events and never return. Slot 0 is for those.
+    Powers of two of seconds and three lengths between each two are kept at once, others when they are
+    asked for a second time: most come from events and never return. Slot 0 is for those.
     """
 
     lengths_s: Floats  # (slots,): 0 where free
     met_s: Floats  # (slots,): other lengths asked for, most recently
     next_slot: Ints  # (2,): of the two above
-    weights: Floats  # (slots, laws, blocks, n, 4): rows of four nodes, beside each other in memory
-    decay: Floats  # (slots, laws, 4 * blocks): exp(-rate c H)
-
-
-def padded(q: int) -> int:
-    """Nodes stored: whole blocks of four; those beyond q repeat the last."""
-    return 4 * ((q + 3) // 4)
+    weights: (
+        Floats  # (slots, laws, blocks, n, BLOCK): rows of eight nodes, beside each other in memory
+    )
+    decay: Floats  # (slots, laws, BLOCK * blocks): exp(-rate c H)
 
 
 @cache
 def nodes(q: int = 8) -> Nodes:
-    """Tables for q Radau nodes, 4 <= q <= 10."""
-    if not 4 <= q <= 10:
-        raise ValueError(f"q = {q}: between 4 and 10 nodes are supported")
+    """Tables for q Radau nodes, 4 <= q <= LANES; in rows of LANES those beyond q repeat the last."""
+    if not 4 <= q <= LANES:
+        raise ValueError(f"q = {q}: between 4 and {LANES} nodes are supported")
     marks = _radau(q)
     points = np.concatenate([[0.0], marks])
     series = np.linalg.inv(legendre.legvander(2 * points - 1, q))
@@ -81,12 +80,16 @@ def nodes(q: int = 8) -> Nodes:
     abscissae, weights = (gauss + 1) / 2, weights / 2
     at = marks[:, None] * (1 - abscissae)
     basis = legendre.legvander(2 * at - 1, q) @ series * weights[:, None]
+    signs_and_factorials = np.cumprod(np.append(1.0, -1.0 / np.arange(1, POWERS)))
+    reach = (marks[:, None] * abscissae) ** np.arange(POWERS)[:, None, None]  # (POWERS, q, points)
+    reach *= signs_and_factorials[:, None, None] * marks[:, None]
+    powers = np.einsum("mjg,jgk->jmk", reach, basis)
     slopes = np.empty((q + 1, q + 1, q + 1))
     for m in range(q + 1):
         slopes[m] = legendre.legval(2 * points - 1, legendre.legder(series, m)).T * 2.0**m
     middle = np.append((points[1:] + points[:-1]) / 2, 1.0)
     between = legendre.legvander(2 * middle - 1, q) @ series
-    return Nodes(tuple(marks.tolist()), points, abscissae, basis, slopes, series, between)
+    return Nodes(marks, points, abscissae, basis, powers, slopes, series, between)
 
 
 def _radau(q: int) -> Floats:
@@ -102,15 +105,14 @@ def _radau(q: int) -> Floats:
     return (roots + 1) / 2
 
 
-def new_shelf(q: int, laws: int, slots: int = 32) -> Shelf:
+def new_shelf(laws: int, slots: int = 48) -> Shelf:
     """An empty shelf for circuits with this many different laws."""
-    blocks = padded(q) // 4
     return Shelf(
         np.zeros(slots),
         np.zeros(slots),
         np.array([1, 0]),
-        np.zeros((slots, laws, blocks, q + 1, 4)),
-        np.zeros((slots, laws, 4 * blocks)),
+        np.zeros((slots, laws, 1 + LANES, LANES)),
+        np.zeros((slots, laws, LANES)),
     )
 
 
@@ -118,20 +120,24 @@ def new_shelf(q: int, laws: int, slots: int = 32) -> Shelf:
 def law_weights(
     grid: Nodes, rate: float, drive: float, length_s: float, weights: Floats, decay: Floats
 ) -> None:
-    """Fill `weights` (blocks, n, 4) and `decay` (4 * blocks,) for one law and one window length."""
+    """Fill `weights` (1 + LANES, LANES) and `decay` (LANES,) for one law and one window length."""
     q = len(grid.marks)
     z = rate * length_s
+    row = np.empty(q + 1)
+    weights[:] = 0.0
     for i in range(decay.shape[0]):
         j = min(i, q - 1)
         c = grid.marks[j]
-        row = weights[i // 4, :, i % 4]
         decay[i] = math.exp(-z * c)
         row[:] = 0.0
-        if z * c <= FEW_CONSTANTS:
-            for g in range(grid.abscissae.shape[0]):
-                factor = drive * length_s * c * math.exp(-z * c * grid.abscissae[g])
+        if abs(z) <= PART_OF_ONE:
+            factor = drive * length_s
+            for m in range(POWERS if z != 0.0 else 1):
                 for k in range(q + 1):
-                    row[k] += factor * grid.basis[j, g, k]
+                    row[k] += factor * grid.powers[j, m, k]
+                factor *= z
+        elif z * c <= FEW_CONSTANTS:
+            _by_quadrature(grid, j, z * c, drive * length_s * c, row)
         else:
             # By parts: the sum over m of (-1/z)^m [v^(m)(c) - exp(-z c) v^(m)(0)] / z ends at m = q.
             factor = drive / rate
@@ -139,6 +145,20 @@ def law_weights(
                 for k in range(q + 1):
                     row[k] += factor * (grid.slopes[m, j + 1, k] - decay[i] * grid.slopes[m, 0, k])
                 factor /= -z
+        for k in range(q + 1):
+            weights[k, i] = row[k]
+
+
+@compiled
+def _by_quadrature(grid: Nodes, j: int, constants: float, factor: float, row: Floats) -> None:
+    """Add node j's weights by a Gauss rule, half of the exponentials from the other half."""
+    last = grid.abscissae.shape[0] - 1
+    whole = math.exp(-constants)
+    for g in range(grid.abscissae.shape[0] // 2):
+        near = math.exp(-constants * grid.abscissae[g])  # the points lie evenly about the middle
+        far = whole / near
+        for k in range(row.shape[0]):
+            row[k] += factor * (near * grid.basis[j, g, k] + far * grid.basis[j, last - g, k])
 
 
 @compiled
@@ -165,7 +185,8 @@ def shelved(shelf: Shelf, grid: Nodes, laws: Floats, length_s: float) -> int:
 def free_slot(shelf: Shelf, length_s: float) -> int:
     """The slot for the operators of a length that is not there yet."""
     slots = shelf.lengths_s.shape[0]
-    kept = math.frexp(length_s)[0] == 0.5
+    share = 8.0 * math.frexp(length_s)[0]
+    kept = share == math.floor(share)
     for k in range(slots):
         kept = kept or shelf.met_s[k] == length_s
     slot = 0

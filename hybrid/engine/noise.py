@@ -33,7 +33,8 @@ from hybrid.engine.compiling import compiled
 from hybrid.engine.corners import Log, moves, new_log, settle
 from hybrid.engine.handover import accept, guess, watch
 from hybrid.engine.kernel import Floats, Ints
-from hybrid.engine.nodes import Nodes, Shelf, free_slot, new_shelf, padded
+from hybrid.engine.lanes import LANES
+from hybrid.engine.nodes import Nodes, Shelf, free_slot, new_shelf
 from hybrid.engine.projection import Projection, noise_spread, projected_law, projection
 from hybrid.engine.sweep import (
     AS,
@@ -70,11 +71,11 @@ class Noise(NamedTuple):
 
 def new_noise(circuit: Circuit, random: np.random.Generator, q: int = 8) -> Noise:
     """Noise of a run that has not started, drawn from `random`."""
-    shelf = new_shelf(q, len(circuit.laws))
+    shelf = new_shelf(len(circuit.laws))
     return Noise(
         new_state(circuit, q),
         shelf,
-        np.zeros((len(shelf.lengths_s), len(circuit.noise_rates), padded(q), q)),
+        np.zeros((len(shelf.lengths_s), len(circuit.noise_rates), LANES, q)),
         projection(q),
         random,
         new_log(0),

@@ -48,11 +48,11 @@ class Projection(NamedTuple):
 @cache
 def projection(q: int) -> Projection:
     """Tables for the q nodes of `nodes.nodes`."""
-    marks = np.array(nodes(q).marks)
+    marks = nodes(q).marks
     gauss, weights = legendre.leggauss(GAUSS_POINTS)
     abscissae, weights = (gauss + 1) / 2, weights / 2
     times = np.append(abscissae, 1.0)
-    at_nodes = legendre.legvander(2 * marks - 1, q - 1)
+    at_nodes: Floats = np.asarray(legendre.legvander(2 * marks - 1, q - 1))
     series = np.linalg.inv(at_nodes)
     at = times[:, None] * (1 - abscissae)
     answers = legendre.legvander(2 * at - 1, q - 1) @ series * weights[:, None]
@@ -80,7 +80,7 @@ def projection(q: int) -> Projection:
 def projected_law(
     table: Projection, rate: float, drive: float, length_s: float, weights: Floats, decay: Floats
 ) -> None:
-    """Like `nodes.law_weights`, for the polynomials of this module: `weights` (blocks, q + 1, 4).
+    """Like `nodes.law_weights`, for the polynomials of this module: `weights` (1 + LANES, LANES).
 
     The weights of the start are zero.
     """
@@ -109,9 +109,9 @@ def projected_law(
     for i in range(decay.shape[0]):
         j = min(i, q - 1)
         decay[i] = rows[j, 0] if rate != 0.0 else 1.0  # what is held keeps its bits
-        weights[i // 4, 0, i % 4] = 0.0
+        weights[0, i] = 0.0
         for k in range(q):
-            weights[i // 4, k + 1, i % 4] = rows[j, k + 1]
+            weights[k + 1, i] = rows[j, k + 1]
 
 
 @compiled

@@ -7,9 +7,10 @@ sweeps stop at a tolerance; the sum of both over all windows estimates what a ru
 as the circuit itself does not magnify errors.
 
 After a jump (start, change of a held input, event) lagged outputs relax as exp(-t / tau). Lags follow
-any polynomial exactly, but what reads them takes their outputs for polynomials: so windows grow with
-the time since the jump until the layer has died out, then at once reach for the next longer lag or the
-working length. The number of windows hardly depends on how short a lag is.
+any polynomial exactly, but what reads them takes their outputs for polynomials: so windows begin short
+and grow, as far as what the last one left of the series says, until the layer has died out. How short
+they must begin is learned from one jump to the next, apart for held inputs and for events. The number of
+windows hardly depends on how short a lag is.
 """
 
 from __future__ import annotations
@@ -27,15 +28,18 @@ from hybrid.engine.kernel import RUNAWAY_MU, Floats, Ints
 from hybrid.engine.nodes import Nodes, Shelf, point_weights
 from hybrid.engine.noise import Noise, bring_up, finest, jump, play_truth, show
 from hybrid.engine.sweep import (
+    AFTER_EVENT,
+    AFTER_INPUT,
     AGE,
     CRUISE,
     EVENTS,
     FIRST_S,
-    FIRST_SHARE,
     FIRST_VALUE,
     FROZEN,
+    JUMPED,
     KNOWN,
     LENGTH,
+    NEXT,
     ON_OVERLOAD,
     OVERLOAD_S,
     REJECTED,
@@ -55,6 +59,16 @@ DONE, RUNAWAY, CHATTER, UNRESOLVED, OVERLOADED = range(5)
 
 # A layer has died out after this many lags: exp(-36) is 2e-16, a chain of lags takes longer.
 LAYER_LAGS = 45.0
+# A window of so many lags resolves any layer: a polynomial of degree 8 leaves 1e-14 of exp(-t / 4).
+RESOLVED_LAGS = 0.25
+# What a layer leaves of the series is taken to fall with it, yet to no less than this share.
+LEAST_DECAY = 0.2
+# The next window aims at this share of what is allowed, and is at most so much longer or shorter.
+AIM = 0.2
+MOST_GROWTH = 2.0
+MOST_CUT = 0.1
+# How far from its bound a guard may be at an event, in machine units: below `corners.SLACK_AT_REST`.
+MOST_MISS = 1e-12
 # No window is made shorter.
 SHORTEST_S = 1e-15
 # Windows to wait before trying again a length at which the loops did not agree.
@@ -97,7 +111,7 @@ def advance(
     `state` is the smooth run beside the true one, and what the pen writes.
     """
     # `noise` is looked at again and again, so that the compiler leaves out what has none.
-    clock, counts, shown = state.clock, state.counts, state
+    clock, counts, shown, taus_s = state.clock, state.counts, state, circuit.taus_s
     counts[ROWS], counts[EVENTS] = 0, 0
     jumped = _begin(circuit, state, t_s, log)
     recent = np.zeros((circuit.corners.shape[0], 2))
@@ -107,7 +121,7 @@ def advance(
         rtol, tolerance = finest(circuit, rtol, tolerance)
         if jumped:
             jump(circuit, state, noise, t_s, 0.0)
-    now, cap = 0.0, math.inf
+    now = 0.0
     while now < duration_s:
         if counts[ON_OVERLOAD] != CONTINUE:
             e = _beyond_now(state.watched, shown.start)
@@ -118,14 +132,14 @@ def advance(
                 hold_for_good(circuit, state, t_s, now, log)
                 if noise is not None:
                     jump(circuit, state, noise, t_s, now)
-        length = _next_length(circuit, state, duration_s - now, cap)
+        length = _next_length(min(clock[NEXT], circuit.longest_s), duration_s - now)
         _prepare_guess(circuit, state, grid, length)
         fits = solve(circuit, state, shelf, grid, t_s + now, length, tolerance)
         tail = _tail(state, grid) if fits else math.inf
         if not tail <= rtol:
             if length * 0.5 < SHORTEST_S:
                 return _lost(state), now
-            cap = _reject(circuit, state, length, fits)
+            _reject(clock, counts, taus_s, length, tail / rtol, len(grid.marks))
             continue
         corner, at, over, earlier, by = -1, 1.0, -1, 1.0, 0
         if circuit.corners.shape[0] > 0:
@@ -158,14 +172,13 @@ def advance(
                 return OVERLOADED, now
             hold_for_good(circuit, state, t_s, now, log)
         elif by == 0:
-            _adapt(state, length, tail, rtol)
+            _adapt(clock, counts, taus_s, length, tail / rtol, len(grid.marks))
         else:
             change_piece(circuit, state, corner, by, now, log)
             settle(circuit, state, state, t_s, now, log, False, 0.0)
-            clock[AGE], counts[KNOWN] = 0.0, 0
+            _begin_short(clock, counts, AFTER_EVENT)
             if _chatters(circuit, recent, corner, now):
                 return CHATTER, now
-        cap = cap if over >= 0 else math.inf
         if _lost(state) == RUNAWAY:
             return RUNAWAY, now
         if noise is not None:
@@ -174,7 +187,7 @@ def advance(
             if over >= 0 or by != 0:
                 jump(circuit, state, noise, t_s, now)
             elif bring_up(circuit, state, noise, t_s, now, log):
-                clock[AGE], counts[KNOWN] = 0.0, 0
+                _begin_short(clock, counts, AFTER_EVENT)
                 jump(circuit, state, noise, t_s, now)
     if noise is not None and duration_s > 0.0:
         show(circuit, state, noise, t_s, now)
@@ -194,9 +207,16 @@ def _begin(circuit: Circuit, state: State, t_s: float, log: Log) -> bool:
     settle(circuit, state, state, t_s, 0.0, log, state.counts[STARTED] == 0, 0.0)
     if state.counts[STARTED] == 0:  # pieces found for the first time are no events
         state.counts[EVENTS] = 0
-    state.counts[STARTED], state.counts[KNOWN] = 1, 0
-    state.clock[AGE] = 0.0
+    state.counts[STARTED] = 1
+    _begin_short(state.clock, state.counts, AFTER_INPUT)
     return True
+
+
+@compiled
+def _begin_short(clock: Floats, counts: Ints, jumped: int) -> None:
+    """Something jumped: forget the last window, and begin as after the last jump of this kind."""
+    clock[AGE], clock[NEXT] = 0.0, clock[jumped]
+    counts[KNOWN], counts[JUMPED] = 0, jumped
 
 
 @compiled
@@ -242,55 +262,74 @@ def hold_for_good(circuit: Circuit, state: State, t_s: float, now_s: float, log:
     """Put the machine into HOLD, whatever its modes are meant to be from now on."""
     state.counts[FROZEN], state.counts[ON_OVERLOAD] = 1, CONTINUE
     settle(circuit, state, state, t_s, now_s, log, False, 0.0)
-    state.clock[AGE], state.counts[KNOWN] = 0.0, 0
+    _begin_short(state.clock, state.counts, AFTER_EVENT)
 
 
 @compiled
-def _next_length(circuit: Circuit, state: State, remaining_s: float, cap: float) -> float:
-    """A power of two of seconds within what layers allow, or all that remains."""
-    age = state.clock[AGE]
-    length = min(state.clock[CRUISE], cap, circuit.longest_s)
-    for k in range(circuit.taus_s.shape[0]):
-        tau = circuit.taus_s[k]
-        if age < LAYER_LAGS * tau:
-            length = min(length, age + 2.0 * state.clock[FIRST_SHARE] * tau)
-            break
-    if length >= remaining_s * (1.0 - 1e-9):
+def _next_length(length_s: float, remaining_s: float) -> float:
+    """At most this long, of few different lengths, or all that remains."""
+    if length_s >= remaining_s * (1.0 - 1e-9):
         return remaining_s
-    return 2.0 ** math.floor(math.log2(length))
+    share, exponent = math.frexp(length_s)
+    return math.ldexp(math.floor(share * 8.0) / 8.0, exponent)
 
 
 @compiled
-def _reject(circuit: Circuit, state: State, length_s: float, agreed: bool) -> float:
-    """Note that a window was too long; the longest allowed from now on.
+def _lasting(age_s: float, taus_s: Floats, length_s: float) -> float:
+    """The shortest lag whose layer lasts and shows in a window of this length; 0: there is none."""
+    for k in range(taus_s.shape[0]):
+        if age_s < LAYER_LAGS * taus_s[k] and length_s > RESOLVED_LAGS * taus_s[k]:
+            return float(taus_s[k])
+    return 0.0
 
-    The working length is not touched while a layer lasts: it will be needed right after. The ladder is
-    remembered, so that after the next jump its windows fit.
+
+@compiled
+def _change_of_length(share: float, q: int) -> float:
+    """By how much a window may be longer whose last coefficient is this share of what is allowed."""
+    if not share * MOST_GROWTH ** (q + 1) > AIM:
+        return MOST_GROWTH
+    return float(max((AIM / share) ** (1.0 / (q + 1)), MOST_CUT))
+
+
+@compiled
+def _reject(
+    clock: Floats, counts: Ints, taus_s: Floats, length_s: float, share: float, q: int
+) -> None:
+    """Note that a window was too long, by what it left; where loops did not agree, by half.
+
+    Then no window may be longer for a while, unless it is a layer that is to blame.
     """
-    state.counts[REJECTED] += 1
-    half = 2.0 ** math.floor(math.log2(length_s * 0.5))
-    layered = False
-    for k in range(circuit.taus_s.shape[0]):
-        layered = layered or state.clock[AGE] < LAYER_LAGS * circuit.taus_s[k]
-    layered = layered and length_s < state.clock[CRUISE]
-    if not layered:
-        state.clock[CRUISE] = half
-        state.counts[WAIT] = 0 if agreed else PATIENCE
-        return math.inf
-    state.clock[FIRST_SHARE] = max(0.75 * state.clock[FIRST_SHARE], 0.01)
-    return half
+    counts[REJECTED] += 1
+    agreed = share < math.inf
+    clock[NEXT] = length_s * (_change_of_length(share, q) if agreed else 0.5)
+    if _lasting(clock[AGE], taus_s, length_s) == 0.0:
+        clock[CRUISE] = clock[NEXT]
+        counts[WAIT] = 0 if agreed else PATIENCE
+    if clock[AGE] == 0.0:
+        clock[counts[JUMPED]] = clock[NEXT]
 
 
 @compiled
-def _adapt(state: State, length_s: float, tail: float, rtol: float) -> None:
-    """Double the working length, or widen the ladder, where the coefficients would still fall far."""
-    fits_twice = tail * 2.0 ** state.guess.shape[1] < 0.5 * rtol
-    if state.clock[AGE] == length_s and fits_twice and state.clock[FIRST_SHARE] < 8.0:
-        state.clock[FIRST_SHARE] *= 4.0 / 3.0
-    if state.counts[WAIT] > 0:
-        state.counts[WAIT] -= 1
-    elif length_s == state.clock[CRUISE] and fits_twice:
-        state.clock[CRUISE] *= 2.0
+def _adapt(
+    clock: Floats, counts: Ints, taus_s: Floats, length_s: float, share: float, q: int
+) -> None:
+    """Suggest the length of the next window; after a jump, that of the first one after the next jump."""
+    cut_short = length_s < 0.8 * clock[NEXT]  # by an instant, not by what signals do
+    change = _change_of_length(share, q)
+    if clock[AGE] == length_s and not cut_short:
+        clock[counts[JUMPED]] = length_s * max(change, 1.0)
+    tau = _lasting(clock[AGE], taus_s, length_s)
+    if tau > 0.0:
+        change = _change_of_length(share * max(math.exp(-length_s / tau), LEAST_DECAY), q)
+    suggested = max(length_s * change, min(length_s, clock[NEXT]))
+    if cut_short:
+        suggested = max(suggested, clock[NEXT])
+    if tau == 0.0:
+        if counts[WAIT] > 0:
+            counts[WAIT] -= 1
+            suggested = min(suggested, clock[CRUISE])
+        clock[CRUISE] = suggested
+    clock[NEXT] = suggested
 
 
 @compiled
@@ -324,8 +363,9 @@ def _prepare_guess(circuit: Circuit, state: State, grid: Nodes, length_s: float)
         for e in range(n):
             state.nodes[e, :] = state.start[e]
         return
-    # Far outside, the high powers do more harm than good.
-    degree = len(grid.marks) if ratio <= 1.0 else 4
+    # Each degree brings about a decade; outside its window a series of Legendre polynomials grows by
+    # x + sqrt(x^2 - 1) for each, which at x = 1 + 2 ratio is more than that from a ratio of 2 on.
+    degree = len(grid.marks) if ratio < 2.0 else 4
     guess(circuit, state, grid, 1.0, ratio, degree, state.past, state.last)
 
 
@@ -370,7 +410,7 @@ def _cut(
         for j in range(q):
             slope += grid.slopes[1, q, j + 1] * state.guard[corner, j]
         step = -miss / slope if slope != 0.0 else math.inf
-        if abs(miss) <= 1e-15 * max(1.0, abs(bound)) or not abs(step) < 0.1:
+        if abs(miss) <= MOST_MISS * max(1.0, abs(bound)) or not abs(step) < 0.1:
             break
         if abs(step) < 1e-14:
             break

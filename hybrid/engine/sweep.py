@@ -8,9 +8,8 @@ loops brings it closer, by a factor of about (rate * window)^k / k! in sweep k.
 from __future__ import annotations
 
 import math
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
-import numba
 import numpy as np
 
 from hybrid.elements import (
@@ -59,16 +58,13 @@ from hybrid.engine.circuit import (
 )
 from hybrid.engine.compiling import compiled, inlined
 from hybrid.engine.kernel import RUNAWAY_MU, Floats, Ints
-from hybrid.engine.nodes import Nodes, Shelf, padded, shelved
+from hybrid.engine.lanes import LANES, add_scaled, combine, copy, fill, multiply, scale
+from hybrid.engine.nodes import Nodes, Shelf, shelved
 from hybrid.modes import HOLD, IC, OP
-
-# Four nodes that lie side by side become one vector instruction only by this pass of LLVM, which numba
-# leaves off unless told: 1.5 times the speed.
-numba.config.SLP_VECTORIZE = 1  # type: ignore[attr-defined]
 
 
 class State(NamedTuple):
-    """All that changes during a run of n elements; owned by the run. P = padded(q) nodes."""
+    """All that changes during a run of n elements; owned by the run. P = LANES."""
 
     held: Floats  # (inputs,): set by the caller
     seen: Floats  # (inputs,): as they were in the last window
@@ -81,7 +77,7 @@ class State(NamedTuple):
     guard_start: Floats  # (corners,): the quantity each corner guards
     guard: Floats  # (corners, P)
     row: Floats  # (2, P): scratch
-    guess: Floats  # (P, q + 1): from the last window's points to this one's nodes
+    guess: Floats  # (1 + P, P): from the last window's points to this one's nodes
     guess_for: (
         Floats  # (3,): place, length and degree it was made for, in lengths of the last window
     )
@@ -99,14 +95,17 @@ X, X_END, DRIVE, DRIVE_END, BEFORE, BEFORE_END, AS = range(7)
 # Columns of State.overload, of a signal beyond full scale: when first and its value then, the worst
 # value and when, how long altogether, in how many windows.
 FIRST_S, FIRST_VALUE, WORST_VALUE, WORST_S, BEYOND_S, TIMES = range(6)
-# Indices into State.clock: time since the last jump, working length, length of the last window, share of
-# the shortest lag that the first window after a jump takes; largest error estimate of a window, and
-# their sum for the ends of the windows; when an overload stopped the run or held the machine.
-AGE, CRUISE, LENGTH, FIRST_SHARE, WORST, SUM_OF_ERRORS, OVERLOAD_S = range(7)
+# Indices into State.clock: time since the last jump, length of windows where no layer lasts, length of
+# the last window; largest error estimate of a window, and their sum for the ends of the windows; when
+# an overload stopped the run or held the machine; length that the last window suggests for the next,
+# and that of the first window after a jump of a held input, and after an event.
+AGE, CRUISE, LENGTH, WORST, SUM_OF_ERRORS, OVERLOAD_S, NEXT, AFTER_INPUT, AFTER_EVENT = range(9)
 # Indices into State.counts: started, last window's points can be used for a guess, windows accepted and
 # rejected, sweeps, events, record rows, windows to wait before the length may grow; what an overload
-# does, whether the machine is in HOLD because of one.
-STARTED, KNOWN, WINDOWS, REJECTED, SWEEPS, EVENTS, ROWS, WAIT, ON_OVERLOAD, FROZEN = range(10)
+# does, whether the machine is in HOLD because of one; what jumped last: AFTER_INPUT or AFTER_EVENT.
+STARTED, KNOWN, WINDOWS, REJECTED, SWEEPS, EVENTS, ROWS, WAIT, ON_OVERLOAD, FROZEN, JUMPED = range(
+    11
+)
 
 # Sweeps after which a window is given up as too long.
 MOST_SWEEPS = 40
@@ -114,11 +113,12 @@ MOST_SWEEPS = 40
 
 def new_state(circuit: Circuit, q: int = 8) -> State:
     """State of a run that has not started."""
-    n, m, p = len(circuit.rows), len(circuit.corners), padded(q)
+    n, m, p = len(circuit.rows), len(circuit.corners), LANES
     inputs = int(np.sum(circuit.rows[:, KIND] == INPUT))
     memory = np.zeros((n, 7))
     memory[:, AS] = OP
     memory[:, [X, X_END, BEFORE, BEFORE_END]] = circuit.initial[:, :1]
+    first_s = 2.0 * circuit.taus_s[0] if len(circuit.taus_s) else math.inf
     return State(
         np.zeros(inputs),
         np.full(inputs, np.nan),
@@ -131,58 +131,14 @@ def new_state(circuit: Circuit, q: int = 8) -> State:
         np.zeros(m),
         np.zeros((m, p)),
         np.zeros((2, p)),
-        np.zeros((p, q + 1)),
+        np.zeros((1 + p, p)),
         np.full(3, np.nan),
         np.zeros((n, 6)),
         np.zeros((len(circuit.noisy), p)),
-        np.array([0.0, math.inf, 0.0, 1.0, 0.0, 0.0, math.nan]),
-        np.zeros(10, dtype=np.int64),
+        np.array([0.0, math.inf, 0.0, 0.0, 0.0, math.nan, first_s, first_s, first_s]),
+        np.zeros(11, dtype=np.int64),
         np.zeros(n, dtype=np.int64),
     )
-
-
-@inlined
-def gather(
-    nodes: Floats, i: int, signal: Ints, gain: Floats, constant: float, first: int, end: int
-) -> Any:
-    """Four neighbouring nodes, from i on, of a sum, its terms first to end."""
-    a = constant
-    b, c, d = a, a, a
-    for t in range(first, end):
-        s, g = signal[t], gain[t]
-        a += g * nodes[s, i]
-        b += g * nodes[s, i + 1]
-        c += g * nodes[s, i + 2]
-        d += g * nodes[s, i + 3]
-    return a, b, c, d
-
-
-@inlined
-def apply_law(
-    weights: Floats,
-    decay: Floats,
-    slot: int,
-    law: int,
-    block: int,
-    y: float,
-    v: float,
-    scratch: Floats,
-    r: int,
-    q: int,
-) -> Any:
-    """Four neighbouring nodes of what a law makes of row r of `scratch`, from y and v at the start."""
-    i = 4 * block
-    a = decay[slot, law, i] * y + weights[slot, law, block, 0, 0] * v
-    b = decay[slot, law, i + 1] * y + weights[slot, law, block, 0, 1] * v
-    c = decay[slot, law, i + 2] * y + weights[slot, law, block, 0, 2] * v
-    d = decay[slot, law, i + 3] * y + weights[slot, law, block, 0, 3] * v
-    for k in range(q):
-        x = scratch[r, k]
-        a += weights[slot, law, block, k + 1, 0] * x
-        b += weights[slot, law, block, k + 1, 1] * x
-        c += weights[slot, law, block, k + 1, 2] * x
-        d += weights[slot, law, block, k + 1, 3] * x
-    return a, b, c, d
 
 
 @compiled
@@ -238,8 +194,7 @@ def sweep(
     held, start, nodes, memory = state.held, state.start, state.nodes, state.memory
     piece, guard, scratch = state.piece, state.guard, state.row
     weights, decay, fresh = shelf.weights, shelf.decay, state.fresh
-    q = len(grid.marks)
-    blocks = (q + 3) // 4
+    q, laws = len(grid.marks), slot * decay.shape[1]
     change = 0.0
     for e in range(first, last):
         kind, corner, stop, lag = rows[e, KIND], rows[e, CORNER], rows[e, STOP], rows[e, LAG]
@@ -254,116 +209,89 @@ def sweep(
             middle = terms
         elif mode == IC:
             terms, middle, constant = middle, end, figures[e, SECOND_CONSTANT]
-        for block in range(blocks):
-            i = 4 * block
-            a, b, c, d = gather(nodes, i, signal, gain, constant, terms, middle)
-            if kind == PIECES:
-                guard[corner, i], guard[corner, i + 1] = a, b
-                guard[corner, i + 2], guard[corner, i + 3] = c, d
-                a, b = piece_of(pieces, p, a), piece_of(pieces, p, b)
-                c, d = piece_of(pieces, p, c), piece_of(pieces, p, d)
-            elif kind == PRODUCT:
-                w, x, y, z = gather(
-                    nodes, i, signal, gain, figures[e, SECOND_CONSTANT], middle, end
-                )
-                a, b, c, d = a * w, b * x, c * y, d * z
-            elif kind != SUM and kind != INTEGRATE:
-                w, x, y, z = gather(
-                    nodes, i, signal, gain, figures[e, SECOND_CONSTANT], middle, end
-                )
-                if kind == SWITCH:
-                    if not is_high(rows, piece, memory, rows[e, CONTROL]):
-                        a, b, c, d = w, x, y, z
-                elif kind == TRACK:
-                    if stores:
-                        a = memory[e, BEFORE]
-                        b, c, d = a, a, a
-                elif kind == MODE:
-                    a = memory[e, BEFORE]
-                    b, c, d = a, a, a
-                elif kind == INPUT:
-                    a = held[rows[e, CONTROL]]
-                    b, c, d = a, a, a
-                elif kind == SINE:
-                    rate, phase = figures[e, OMEGA], figures[e, OMEGA] * t_s + figures[e, PHASE]
-                    a = figures[e, AMPLITUDE] * math.sin(
-                        rate * length_s * marks[min(i + 1, q)] + phase
-                    )
-                    b = figures[e, AMPLITUDE] * math.sin(
-                        rate * length_s * marks[min(i + 2, q)] + phase
-                    )
-                    c = figures[e, AMPLITUDE] * math.sin(
-                        rate * length_s * marks[min(i + 3, q)] + phase
-                    )
-                    d = figures[e, AMPLITUDE] * math.sin(
-                        rate * length_s * marks[min(i + 4, q)] + phase
-                    )
-                else:
-                    exponent = figures[e, EXPONENT]
-                    a, b = function_of(kind, a, w, exponent), function_of(kind, b, x, exponent)
-                    c, d = function_of(kind, c, y, exponent), function_of(kind, d, z, exponent)
-            scratch[0, i], scratch[0, i + 1], scratch[0, i + 2], scratch[0, i + 3] = a, b, c, d
-        r = 0
+        fill(scratch, 0, constant)
+        for t in range(terms, middle):
+            add_scaled(scratch, 0, gain[t], nodes, signal[t])
+        if kind == PIECES:
+            for i in range(LANES):
+                guard[corner, i] = scratch[0, i]
+                scratch[0, i] = piece_of(pieces, p, scratch[0, i])
+        elif kind != SUM and kind != INTEGRATE:
+            fill(scratch, 1, figures[e, SECOND_CONSTANT])
+            for t in range(middle, end):
+                add_scaled(scratch, 1, gain[t], nodes, signal[t])
+            if kind == PRODUCT:
+                multiply(scratch, 0, scratch, 1)
+            elif kind == SWITCH:
+                if not is_high(rows, piece, memory, rows[e, CONTROL]):
+                    copy(scratch, 0, scratch, 1)
+            elif kind == TRACK:
+                if stores:
+                    fill(scratch, 0, memory[e, BEFORE])
+            elif kind == MODE:
+                fill(scratch, 0, memory[e, BEFORE])
+            elif kind == INPUT:
+                fill(scratch, 0, held[rows[e, CONTROL]])
+            elif kind == SINE:
+                rate, phase = figures[e, OMEGA], figures[e, OMEGA] * t_s + figures[e, PHASE]
+                for i in range(LANES):
+                    angle = rate * length_s * marks[min(i + 1, q)] + phase
+                    scratch[0, i] = figures[e, AMPLITUDE] * math.sin(angle)
+            else:
+                for i in range(LANES):
+                    x, y = scratch[0, i], scratch[1, i]
+                    scratch[0, i] = function_of(kind, x, y, figures[e, EXPONENT])
         kept = mode == HOLD and figures[e, KEEPS] != 0.0
         if kept:
-            for i in range(4 * blocks):
-                scratch[0, i] = memory[e, X]
+            fill(scratch, 0, memory[e, X])
         if kept or (kind == INTEGRATE and mode == IC):
             if corner >= 0:
-                for i in range(4 * blocks):
-                    guard[corner, i] = scratch[0, i]
-                    if piece[corner] != 1:
-                        guard[corner, i] -= pieces[p, C0]
-                        scratch[0, i] = pieces[p, C0]
+                copy(guard, corner, scratch, 0)
+                if piece[corner] != 1:
+                    scale(guard, corner, 1.0, -pieces[p, C0])
+                    fill(scratch, 0, pieces[p, C0])
             memory[e, X_END] = scratch[0, q - 1]
         elif kind == INTEGRATE:
-            r = 1
             memory[e, DRIVE_END] = scratch[0, q - 1]
-            x, v, law = memory[e, X], memory[e, DRIVE], rows[e, LAW]
-            for block in range(blocks):
-                i = 4 * block
-                a, b, c, d = apply_law(weights, decay, slot, law, block, x, v, scratch, 0, q)
-                scratch[1, i], scratch[1, i + 1], scratch[1, i + 2], scratch[1, i + 3] = a, b, c, d
-            if corner >= 0:
+            if corner >= 0 and piece[corner] != 1:
                 limit = pieces[p, C0]
-                for i in range(4 * blocks):
-                    if piece[corner] == 1:
-                        guard[corner, i] = scratch[1, i]
-                    else:
-                        guard[corner, i] = scratch[0, i] + figures[e, FEEDBACK] * limit
-                        scratch[1, i] = limit
-            memory[e, X_END] = scratch[1, q - 1]
+                copy(guard, corner, scratch, 0)
+                scale(guard, corner, 1.0, figures[e, FEEDBACK] * limit)
+                fill(scratch, 0, limit)
+            else:
+                law = laws + rows[e, LAW]
+                by = law * (1 + LANES)
+                x, drive = memory[e, X], memory[e, DRIVE]
+                combine(scratch, 0, decay, law, x, weights, by, drive, scratch, 0)
+                if corner >= 0:
+                    copy(guard, corner, scratch, 0)
+            memory[e, X_END] = scratch[0, q - 1]
         if factor != 1.0 or offset != 0.0:
-            for i in range(4 * blocks):
-                scratch[r, i] = factor * scratch[r, i] + offset
+            scale(scratch, 0, factor, offset)
         if stop >= 0:
             p = corners[stop, FIRST_PIECE] + piece[stop]
-            for i in range(4 * blocks):
-                guard[stop, i] = scratch[r, i]
-                scratch[r, i] = piece_of(pieces, p, scratch[r, i])
-        memory[e, BEFORE_END] = scratch[r, q - 1]
+            for i in range(LANES):
+                guard[stop, i] = scratch[0, i]
+                scratch[0, i] = piece_of(pieces, p, scratch[0, i])
+        memory[e, BEFORE_END] = scratch[0, q - 1]
         tear, noisy = rows[e, TEAR] != 0, rows[e, NOISE]
-        y, v = start[e], memory[e, BEFORE]
-        if noisy >= 0:  # apart from the loop below, which is one of vector instructions
-            for i in range(4 * blocks):
-                nodes[e, i] -= fresh[noisy, i]
-        for block in range(blocks):
-            i = 4 * block
-            if lag >= 0:
-                a, b, c, d = apply_law(weights, decay, slot, lag, block, y, v, scratch, r, q)
-            else:
-                a, b, c, d = scratch[r, i], scratch[r, i + 1], scratch[r, i + 2], scratch[r, i + 3]
-            if tear:
-                moved = max(
-                    max(abs(a - nodes[e, i]), abs(b - nodes[e, i + 1])),
-                    max(abs(c - nodes[e, i + 2]), abs(d - nodes[e, i + 3])),
-                ) / max(1.0, abs(a))
-                if not moved <= change:  # also where it is no number
-                    change = moved
-            nodes[e, i], nodes[e, i + 1], nodes[e, i + 2], nodes[e, i + 3] = a, b, c, d
+        if tear:
+            copy(scratch, 1, nodes, e)
+        if lag >= 0:
+            law = laws + lag
+            by = law * (1 + LANES)
+            combine(nodes, e, decay, law, start[e], weights, by, memory[e, BEFORE], scratch, 0)
+        else:
+            copy(nodes, e, scratch, 0)
         if noisy >= 0:
-            for i in range(4 * blocks):
-                nodes[e, i] += fresh[noisy, i]
+            add_scaled(nodes, e, 1.0, fresh, noisy)
+        if tear:
+            moved = 0.0
+            for i in range(LANES):
+                moved = max(moved, abs(nodes[e, i] - scratch[1, i]))
+            moved /= max(1.0, abs(nodes[e, q - 1]))
+            if not moved <= change:  # also where it is no number
+                change = moved
     return change
 
 

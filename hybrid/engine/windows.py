@@ -37,7 +37,7 @@ from hybrid.scale import to_seconds
 
 NODES = 8
 # How well every signal is resolved, as a fraction of full scale.
-RESOLUTION = 1e-9
+RESOLUTION = 1e-8
 # Instants between two looks at Ctrl-C.
 CHUNK_ADVANCES = 2000
 # Windows after which no further instant is begun: some tenths of a second where something switches fast.
@@ -318,7 +318,7 @@ def _side(machine: Machine) -> Side:
     return Side(
         circuit,
         state,
-        new_shelf(NODES, len(circuit.laws)),
+        new_shelf(len(circuit.laws)),
         grid,
         new_log(),
         no_pen(),

@@ -1,0 +1,163 @@
+"""Eight nodes side by side as one vector of the processor, where loops over them would not become one.
+
+Stage 4. A *lane* is a node's place in a row of eight, as `State.nodes` and `State.row` have them; rows
+are C-contiguous arrays of eight float64. Each operation here takes whole rows of arrays by number, with
+no check of bounds, and writes one row. LLVM is told of vectors directly: left to find them in scalar
+code, it mostly does, but not after every change of what stands around it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+
+from llvmlite import ir
+from numba import extending, types
+
+LANES = 8
+
+# To the type checker these take what the compiled code gives them, without the context of typing.
+intrinsic: Callable[..., Any] = extending.intrinsic
+
+_ROW = ir.VectorType(ir.DoubleType(), LANES)
+# A product may be fused with the sum it goes into, as everywhere in the kernels.
+_FUSED = ("contract",)
+
+
+def _pointer(context: Any, builder: Any, array_type: Any, array: Any, row: Any) -> Any:
+    """Address of row number `row`, the array taken for rows one after the other."""
+    data = context.make_array(array_type)(context, builder, array).data
+    return builder.gep(data, [builder.mul(row, row.type(LANES))])
+
+
+def _load(builder: Any, pointer: Any) -> Any:
+    return builder.load(builder.bitcast(pointer, _ROW.as_pointer()), align=8)
+
+
+def _store(builder: Any, value: Any, pointer: Any) -> None:
+    builder.store(value, builder.bitcast(pointer, _ROW.as_pointer()), align=8)
+
+
+def _spread(builder: Any, value: Any) -> Any:
+    """The same figure in every lane."""
+    index = ir.IntType(32)
+    one = builder.insert_element(ir.Constant(_ROW, ir.Undefined), value, index(0))
+    every = ir.Constant(ir.VectorType(index, LANES), [index(0)] * LANES)
+    return builder.shuffle_vector(one, ir.Constant(_ROW, ir.Undefined), every)
+
+
+def _add_product(builder: Any, total: Any, a: Any, b: Any) -> Any:
+    return builder.fadd(total, builder.fmul(a, b, flags=_FUSED), flags=_FUSED)
+
+
+def _rows(signature: Any, generate: Callable[..., None]) -> Any:
+    """Signature and code generator of an operation that returns nothing."""
+
+    def codegen(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
+        generate(context, builder, signature.args, arguments)
+        return context.get_dummy_value()
+
+    return signature, codegen
+
+
+@intrinsic
+def fill(typing: Any, out: Any, row: Any, value: Any) -> Any:
+    """out[row] = value in every lane."""
+
+    def generate(context: Any, builder: Any, kinds: Any, given: Any) -> None:
+        _store(
+            builder, _spread(builder, given[2]), _pointer(context, builder, kinds[0], *given[:2])
+        )
+
+    return _rows(types.void(out, types.intp, types.float64), generate)
+
+
+@intrinsic
+def copy(typing: Any, out: Any, row: Any, source: Any, source_row: Any) -> Any:
+    """out[row] = source[source_row]."""
+
+    def generate(context: Any, builder: Any, kinds: Any, given: Any) -> None:
+        value = _load(builder, _pointer(context, builder, kinds[2], *given[2:4]))
+        _store(builder, value, _pointer(context, builder, kinds[0], *given[:2]))
+
+    return _rows(types.void(out, types.intp, source, types.intp), generate)
+
+
+@intrinsic
+def add_scaled(typing: Any, out: Any, row: Any, factor: Any, source: Any, source_row: Any) -> Any:
+    """out[row] += factor * source[source_row]."""
+
+    def generate(context: Any, builder: Any, kinds: Any, given: Any) -> None:
+        target = _pointer(context, builder, kinds[0], *given[:2])
+        value = _load(builder, _pointer(context, builder, kinds[3], *given[3:5]))
+        factor = _spread(builder, given[2])
+        _store(builder, _add_product(builder, _load(builder, target), factor, value), target)
+
+    return _rows(types.void(out, types.intp, types.float64, source, types.intp), generate)
+
+
+@intrinsic
+def multiply(typing: Any, out: Any, row: Any, source: Any, source_row: Any) -> Any:
+    """out[row] *= source[source_row]."""
+
+    def generate(context: Any, builder: Any, kinds: Any, given: Any) -> None:
+        target = _pointer(context, builder, kinds[0], *given[:2])
+        value = _load(builder, _pointer(context, builder, kinds[2], *given[2:4]))
+        _store(builder, builder.fmul(_load(builder, target), value), target)
+
+    return _rows(types.void(out, types.intp, source, types.intp), generate)
+
+
+@intrinsic
+def scale(typing: Any, out: Any, row: Any, factor: Any, offset: Any) -> Any:
+    """out[row] = factor * out[row] + offset."""
+
+    def generate(context: Any, builder: Any, kinds: Any, given: Any) -> None:
+        target = _pointer(context, builder, kinds[0], *given[:2])
+        factor, offset = (_spread(builder, figure) for figure in given[2:4])
+        _store(builder, _add_product(builder, offset, factor, _load(builder, target)), target)
+
+    return _rows(types.void(out, types.intp, types.float64, types.float64), generate)
+
+
+@intrinsic
+def combine(
+    typing: Any,
+    out: Any,
+    row: Any,
+    first: Any,
+    first_row: Any,
+    first_factor: Any,
+    matrix: Any,
+    matrix_row: Any,
+    lead: Any,
+    source: Any,
+    source_row: Any,
+) -> Any:
+    """out[row] = first_factor * first[first_row] + lead * matrix[matrix_row]
+    + the sum over lanes k of source[source_row, k] * matrix[matrix_row + 1 + k].
+
+    `out` may be the source. In two sums, of even lanes and of odd ones: neither waits for the other.
+    """
+
+    def generate(context: Any, builder: Any, kinds: Any, given: Any) -> None:
+        def row_at(k: int, beyond: int = 0) -> Any:
+            at = builder.add(given[k + 1], given[k + 1].type(beyond))
+            return _pointer(context, builder, kinds[k], given[k], at)
+
+        even = builder.fmul(_spread(builder, given[4]), _load(builder, row_at(2)), flags=_FUSED)
+        odd = builder.fmul(_spread(builder, given[7]), _load(builder, row_at(5)), flags=_FUSED)
+        source = row_at(8)
+        for k in range(LANES):
+            x = builder.load(builder.gep(source, [ir.IntType(64)(k)]))
+            weights = _load(builder, row_at(5, 1 + k))
+            if k % 2 == 0:
+                even = _add_product(builder, even, _spread(builder, x), weights)
+            else:
+                odd = _add_product(builder, odd, _spread(builder, x), weights)
+        _store(builder, builder.fadd(even, odd, flags=_FUSED), row_at(0))
+
+    place, figure = types.intp, types.float64
+    return _rows(
+        types.void(out, place, first, place, figure, matrix, place, figure, source, place), generate
+    )
