@@ -149,6 +149,7 @@ def _run(options: argparse.Namespace, filing: Filing) -> int:
             prediction=modes,
             prediction_note=prediction if isinstance(prediction, str) else "",
             overloads=result.overloads,
+            outside=result.outside,
             files=files,
         )
     else:

@@ -77,7 +77,11 @@ def _call_dimension(tree: Call, parts: _Parts) -> Dimension | None:
     if tree.function == "previous":
         _all_pure(tree, parts[1:])
         return parts[0][1]
-    rule = FUNCTIONS[tree.function].rule
+    rule, helper = FUNCTIONS[tree.function].rule, FUNCTIONS[tree.function].helper
+    if helper:
+        for (name, due), (part, dimension) in zip(helper.takes, parts, strict=False):
+            _require(tree, part, dimension, name, due)
+        return helper.gives
     if rule == "pure":
         return _all_pure(tree, parts)
     if rule == "select":
@@ -108,6 +112,16 @@ def _power_dimension(
             "exponent must be a plain number"
         )
     return base ** evaluate(tree.right, {})
+
+
+def _require(tree: Node, part: Node, found: Dimension | None, name: str, due: Dimension) -> None:
+    """Refuse an argument in the wrong unit; a bare literal is in SI units of whatever is due."""
+    bare = isinstance(part, Number) and part.dimension.is_pure
+    if found is not None and found != due and not bare:
+        unit = "a pure number" if due.is_pure else f"in {due}"
+        raise ExpressionError(
+            f"in {shown(to_text(tree))}: the {name}, {shown(to_text(part))} [{found}], must be {unit}"
+        )
 
 
 def _require_pure(tree: Node, part: Node, dimension: Dimension | None) -> None:

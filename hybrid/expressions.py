@@ -16,6 +16,7 @@ from dataclasses import dataclass
 from typing import Literal, TypeAlias, TypeVar
 
 from hybrid.errors import did_you_mean
+from hybrid.helpers import HELPERS, Helper
 from hybrid.units import PURE, Dimension
 
 
@@ -103,14 +104,20 @@ class Function:
     """How a function is computed, how many arguments it takes and what it does to dimensions.
 
     `rule` is "pure" (pure arguments, pure result), "alike" (arguments alike, result like them),
-    "ratio" (arguments alike, pure result), "root" (halves the exponents) or "select" (the first pure,
-    the others alike, result like them).
+    "ratio" (arguments alike, pure result), "root" (halves the exponents), "select" (the first pure, the
+    others alike, result like them) or "declared" (as `helper` says).
     """
 
     compute: Callable[..., float]
-    rule: Literal["pure", "alike", "ratio", "root", "select"]
+    rule: Literal["pure", "alike", "ratio", "root", "select", "declared"]
     fewest: int = 1
     most: int = 1
+    helper: Helper | None = None
+
+
+def _declared(helper: Helper) -> Function:
+    most = len(helper.takes)
+    return Function(helper.compute, "declared", most - len(helper.defaults), most, helper)
 
 
 FUNCTIONS: Mapping[str, Function] = {
@@ -143,6 +150,7 @@ FUNCTIONS: Mapping[str, Function] = {
     "limit": Function(_limit, "alike", 3, 3),
     "dead_zone": Function(_dead_zone, "alike", 3, 3),
     "select": Function(lambda chosen, a, b: a if chosen else b, "select", 3, 3),
+    **{name: _declared(helper) for name, helper in HELPERS.items()},
 }
 
 # Names that no signal or parameter may bear; Python's own words because its parser reads the text.

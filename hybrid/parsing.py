@@ -36,9 +36,11 @@ from hybrid.units import UnitError, looks_like_quantity, parse_quantity, split_q
 LONGEST_TEXT = 2000
 DEEPEST_TREE = 100
 
+_PLAIN = [name for name, function in FUNCTIONS.items() if function.rule != "declared"]
 _VALID = (
-    "valid are numbers, names, + - * / ** ( ), < <= > >= == !=, and or not, pi and "
-    + ", ".join(FUNCTIONS)
+    "valid are numbers, names, + - * / ** ( ), < <= > >= == !=, and or not, pi, "
+    + ", ".join(_PLAIN)
+    + " and helper functions"
 )
 
 _OPERATORS: dict[type[ast.operator | ast.cmpop | ast.boolop], BinaryOp] = {

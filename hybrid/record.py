@@ -119,7 +119,8 @@ def record_parts(
     """Variables, coordinates and attributes of a record, ready for xarray.Dataset(*parts).
 
     One variable per pen, shape (rows,), in problem units; coordinate `time` in s. `facts` are the
-    run's own attributes: seed, cycles, status, status_note, rows_note, overloads, readouts.
+    run's own attributes: seed, cycles, status, status_note, rows_note, overloads, outside,
+    readouts.
     """
     variables = {
         pen.name: ("time", np.ascontiguousarray(rows[:, i]), _about(machine, pen))

@@ -17,6 +17,7 @@ from hybrid.arguments import Parameters, Source, machine_of, whole_number
 from hybrid.coupling import modes
 from hybrid.engine import kernel
 from hybrid.engine.linear import DAC_SUFFIX, Overload, Player
+from hybrid.engine.ranges import outside
 from hybrid.engines import check_engine, engine_of, player_of, wants_circuit
 from hybrid.errors import PatchError, counted
 from hybrid.linearity import NotLinear
@@ -26,6 +27,7 @@ from hybrid.readout import FEWEST_ROWS_PER_CYCLE, READOUTS
 from hybrid.record import full_scales, pens_for, record_parts, signal_units
 from hybrid.scale import row_times_s, to_seconds, to_ticks
 from hybrid.storage import Parts
+from hybrid.tape import STOPS
 from hybrid.timeline import build_timeline
 
 if TYPE_CHECKING:
@@ -35,6 +37,8 @@ if TYPE_CHECKING:
 Progress = Callable[[float], None]
 
 LARGEST_SEED = 2**63 - 1
+# Functions asked beyond their range that the note of a run tells of.
+MOST_OUTSIDE = 3
 
 
 @dataclass(frozen=True, eq=False)
@@ -54,6 +58,7 @@ class Run:
     operations: int = 0  # of the machine, by time, that were played to their end
     readouts: dict[str, dict[str, Any]] = field(default_factory=dict)
     engine: str = "exact"  # which one played it
+    outside: tuple[dict[str, Any], ...] = ()  # functions of the program asked beyond their range
 
     @cached_property
     def record(self) -> xr.Dataset:
@@ -73,6 +78,7 @@ class Run:
             "status_note": self.status_note,
             "rows_note": self.rows_note,
             "overloads": json.dumps(self.overloads),
+            "outside": json.dumps(self.outside),
             "readouts": json.dumps(self.readouts),
         }
         return record_parts(self.machine, self.pens, self.time_s, self.rows, facts)
@@ -155,6 +161,7 @@ def run(
         _overloads(compiled, player.overloads()),
         compiled.operation.done(player.done_ticks) if compiled.operation else 0,
         engine=played_by,
+        outside=tuple(found.facts() for found in outside(player)),
     )
     try:
         result.readouts.update(_read_out(result, every_s))
@@ -231,6 +238,8 @@ def ending(player: Player) -> tuple[str, str]:
         )
     if player.outcome == kernel.NOT_RESOLVED:
         return "stopped", f"stopped at {player.done_s:.6g} s: the signals change too fast to follow"
+    if player.outcome == kernel.OUTSIDE:
+        return "stopped", f"stopped at {player.done_s:.6g} s: {_stopper(player)}"
     if player.outcome == kernel.NOT_FINITE:
         words = [
             w
@@ -244,8 +253,21 @@ def ending(player: Player) -> tuple[str, str]:
             "or a root or logarithm of a negative number)"
         )
     machine = player.machine
-    notes = (_held_note(player), _short_note(machine), _left_out(player))
+    notes = (_held_note(player), _short_note(machine), _left_out(player), _outside_note(player))
     return "complete", "; ".join(filter(None, notes))
+
+
+def _stopper(player: Player) -> str:
+    """The call that was to stop the run, and why."""
+    found = next(o for o in outside(player) if o.site.action == STOPS)
+    return f"{found}, and is declared with outside: stop"
+
+
+def _outside_note(player: Player) -> str:
+    """Which functions of the program were asked beyond their range; ''."""
+    found = outside(player)
+    more = f"; and {len(found) - MOST_OUTSIDE} more" if len(found) > MOST_OUTSIDE else ""
+    return "; ".join(map(str, found[:MOST_OUTSIDE])) + more
 
 
 def _held_note(player: Player) -> str:

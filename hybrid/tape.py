@@ -28,6 +28,7 @@ from hybrid.expressions import (
     shown,
     to_text,
 )
+from hybrid.helpers import Helper
 from hybrid.patch import Program
 
 
@@ -80,6 +81,25 @@ class Op(IntEnum):
     SELECT = 42
     LIMIT = 43
     DEAD_ZONE = 44
+    # From here on an operation's arguments stand in registers side by side: the first operand is the
+    # first of these, the second is the operation's row among the tape's `sites`.
+    TEMPERATURE_US76 = 100
+    PRESSURE_US76 = 101
+    DENSITY_US76 = 102
+    SOUND_SPEED_US76 = 103
+    DENSITY_EXPONENTIAL = 104
+    GRAVITY_SPHERE = 105
+    GRAVITY_X_J2 = 106
+    GRAVITY_Y_J2 = 107
+    GRAVITY_Z_J2 = 108
+    GRAVITY_DOWN_J2 = 109
+    GRAVITY_NORTH_J2 = 110
+    LATITUDE_WGS84 = 111
+    LONGITUDE_WGS84 = 112
+    HEIGHT_WGS84 = 113
+    X_WGS84 = 114
+    Y_WGS84 = 115
+    Z_WGS84 = 116
 
 
 BINARY_OPS = {
@@ -98,6 +118,7 @@ BINARY_OPS = {
     "or": Op.OR,
 }
 FUNCTION_OPS = {op.name.lower(): op for op in Op if op.name.lower() in FUNCTIONS}
+FIRST_WIDE = Op.TEMPERATURE_US76
 # The longest delay, in cycles.
 LONGEST_DELAY = 1_000_000
 
@@ -113,6 +134,23 @@ class Memory(IntEnum):
     LENGTH = 3
 
 
+# What a function does where it is asked beyond its range.
+CONTINUES, CLAMPS, STOPS = range(3)
+ACTIONS = ("continued", "clamped", "stopped")
+
+
+@dataclass(frozen=True, slots=True)
+class Site:
+    """A place in the program that asks a function which has a range, in SI units."""
+
+    function: str
+    word: str
+    arguments: tuple[str, ...]
+    ranges: tuple[tuple[float, float], ...]
+    units: tuple[str, ...]  # SI
+    action: int
+
+
 @dataclass(frozen=True, eq=False)
 class Tape:
     """One program: `code` rows are (operation, destination, operand, operand)."""
@@ -124,6 +162,7 @@ class Tape:
     word_registers: npt.NDArray[np.int32]
     memory: npt.NDArray[np.int32]  # (remembered, 4), see Memory; in the order in which they change
     places: tuple[Place, ...]  # of the words in the patch file
+    sites: tuple[Site, ...] = ()
 
 
 class _Builder:
@@ -139,6 +178,8 @@ class _Builder:
         self.memory: list[tuple[int, int, int, int]] = []
         self.code: list[tuple[int, int, int, int]] = []
         self.owner: list[int] = []
+        self.sites: list[Site] = []
+        self.word = ""  # which is being compiled
 
     def register(self, value: float = 0.0) -> int:
         self.values.append(value)
@@ -165,6 +206,9 @@ class _Builder:
             case Binary(op, left, right):
                 return self.emit(BINARY_OPS[op], self.compute(left), self.compute(right))
             case Call(function, arguments):
+                helper = FUNCTIONS[function].helper
+                if helper:
+                    return self.call_helper(function, helper, arguments)
                 return self.call(FUNCTION_OPS[function], arguments)
         raise AssertionError(f"no operation for {node!r}")
 
@@ -184,6 +228,28 @@ class _Builder:
         for other in held[1:]:
             result = self.emit(op, result, other)
         return result
+
+    def call_helper(self, name: str, helper: Helper, arguments: tuple[Node, ...]) -> int:
+        left_out = helper.defaults[len(helper.defaults) - len(helper.takes) + len(arguments) :]
+        held = [self.compute(argument) for argument in arguments]
+        held += [self.constant(value) for value in left_out]
+        site = 0
+        if helper.valid:
+            argument, dimension = helper.takes[0]
+            ranges, units = (helper.valid,), (str(dimension),)
+            site = self.site(Site(name, self.word, (argument,), ranges, units, CONTINUES))
+        return self.emit_wide(FUNCTION_OPS[name], held, site)
+
+    def site(self, site: Site) -> int:
+        self.sites.append(site)
+        return len(self.sites) - 1
+
+    def emit_wide(self, op: Op, held: list[int], site: int) -> int:
+        """An operation whose arguments are first copied side by side."""
+        block = [self.register() for _ in held]
+        for target, source in zip(block, held, strict=True):
+            self.code.append((Op.COPY, target, source, 0))
+        return self.emit(op, block[0], site)
 
     def emit(self, op: Op, a: int, b: int = 0) -> int:
         target = self.register()
@@ -223,7 +289,7 @@ def build_tape(program: Program | None, adcs: tuple[str, ...], scope: Mapping[st
     for assignment in assignments:
         build.place[assignment.word] = build.register()
     for index, assignment in enumerate(assignments):
-        before = len(build.code)
+        before, build.word = len(build.code), assignment.word
         try:
             result = build.compute(assignment.expr)
         except ExpressionError as error:
@@ -239,4 +305,5 @@ def build_tape(program: Program | None, adcs: tuple[str, ...], scope: Mapping[st
         np.array([build.place[w] for w in words], dtype=np.int32),
         np.array(build.memory, dtype=np.int32).reshape(-1, len(Memory)),
         tuple(assignment.place for assignment in assignments),
+        tuple(build.sites),
     )

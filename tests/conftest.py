@@ -5,6 +5,7 @@ and not by each of them; and the files that take longest come first, so that the
 """
 
 import math
+import os
 import subprocess
 import sys
 from dataclasses import dataclass
@@ -23,6 +24,8 @@ from hybrid.scale import to_seconds
 from hybrid.timeline import build_timeline
 
 PATCHES = Path(__file__).parent.parent / "patches"
+# Published check cases and vehicle models, which are no part of the project.
+REFERENCE = Path(os.environ.get("HYBRID_REFERENCE") or PATCHES.parent.parent / "shared/reference")
 DIGITS = 120  # forty squarings of a stiff matrix cost at most as many digits
 SERIES_TERMS = 60  # 0.1**60 / 60! is far below 10**-DIGITS
 
@@ -101,6 +104,18 @@ def shipped():
         return found
 
     return text
+
+
+@pytest.fixture(scope="session")
+def reference():
+    """A file among the reference data; skips the test where there are none."""
+
+    def file(name):
+        if not REFERENCE.is_dir():
+            pytest.skip(f"no reference data in {REFERENCE}; set HYBRID_REFERENCE to their folder")
+        return REFERENCE / name
+
+    return file
 
 
 @pytest.fixture(scope="session")

@@ -69,7 +69,7 @@ def answer(capsys: pytest.CaptureFixture[str], *arguments: str, code: int = 0) -
 ABOUT = {"patch", "title", "machine", "serial", "cycle_s", "time_scale", "parameters"}
 ABOUT |= {"parameters_si"}
 RUN = {"seed", "cycles", "operations", "status", "status_note", "readouts", "overloads", "files"}
-RUN |= {"until_s", "every_s", "engine", "prediction", "prediction_note"}
+RUN |= {"until_s", "every_s", "engine", "outside", "prediction", "prediction_note"}
 MODE = {"omega", "omega_damped", "zeta", "omega_ideal", "zeta_ideal", "closed_form"}
 CLOSED = {"equation", "omega", "omega_damped", "zeta", "note"}
 ERRORS = {"omega_error", "omega_damped_error", "zeta_error"}
@@ -189,6 +189,7 @@ def test_every_key_is_in_the_readme() -> None:
     keys = (
         ABOUT | RUN | MODE | CLOSED | ERRORS | TRANSIENT | OVERLOAD | SWEEP | POINT | CHECK | TRIAL
     )
+    keys |= {"function", "word", "argument", "times", "action"}
     keys |= {"max_damping_error", "max_cycle_s", "patches", "name", "file"}
     keys = keys.union(*ROWS.values())
     assert keys <= documented, sorted(keys - documented)

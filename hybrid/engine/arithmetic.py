@@ -11,7 +11,8 @@ import numpy as np
 import numpy.typing as npt
 
 from hybrid.engine.compiling import compiled, inlined
-from hybrid.tape import Memory, Op
+from hybrid.engine.library import compute_helper
+from hybrid.tape import FIRST_WIDE, Memory, Op
 
 Floats = npt.NDArray[np.float64]
 
@@ -29,6 +30,7 @@ SINH, COSH, TANH, ASINH, ACOSH, ATANH, LOG10, HYPOT = range(int(Op.SINH), int(Op
 SIGN, FLOOR, CEIL, ROUND, MOD = (int(op) for op in (Op.SIGN, Op.FLOOR, Op.CEIL, Op.ROUND, Op.MOD))
 NOT, AND, OR, LT, LE, GT, GE, EQ, NE = range(int(Op.NOT), int(Op.NE) + 1)
 SELECT, LIMIT = int(Op.SELECT), int(Op.LIMIT)
+WIDE = int(FIRST_WIDE)
 KEEPS, SOURCE_OF, RING, LENGTH = (int(column) for column in Memory)
 
 
@@ -134,7 +136,7 @@ def is_true(op: int, a: float, b: float) -> bool:
 
 
 @inlined
-def run_tape(code: npt.NDArray[np.int32], r: Floats) -> None:
+def run_tape(code: npt.NDArray[np.int32], r: Floats, outside: Floats) -> None:
     """Play the operations of one cycle on registers `r`."""
     for k in range(code.shape[0]):
         op, a, b = code[k, 0], r[code[k, 2]], r[code[k, 3]]
@@ -152,6 +154,8 @@ def run_tape(code: npt.NDArray[np.int32], r: Floats) -> None:
             result = -a
         elif op == POW:
             result = a**b
+        elif op >= WIDE:
+            result = compute_helper(op, r, code[k, 2], code[k, 3], outside)
         else:
             result = compute_function(op, r[code[k, 1]], a, b)
         r[code[k, 1]] = result

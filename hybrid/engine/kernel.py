@@ -15,6 +15,7 @@ from typing import Any, NamedTuple
 import numpy as np
 import numpy.typing as npt
 
+from hybrid.engine import library
 from hybrid.engine.arithmetic import remember, run_tape
 from hybrid.engine.compiling import compiled, inlined
 
@@ -86,6 +87,7 @@ class State(NamedTuple):
     counts: Ints  # see the constants below
     overload: Ints  # (signals + adcs + dacs, 6): see the constants below
     beyond: Floats  # (signals + adcs + dacs, 2): first and worst value
+    outside: Floats  # (sites of the tape + 1, 6): see `library`
 
 
 # What a cue asks for.
@@ -101,7 +103,8 @@ TIMES, FIRST_REPEAT, FIRST_INSTANT, WORST_REPEAT, WORST_INSTANT, LAST = range(6)
 
 # Why the kernel came back.
 # WAITING: no propagators, so the caller must advance the analog side or let it follow a jump.
-DONE, PAUSED, RUNAWAY, NOT_FINITE, WAITING, CHATTERS, NOT_RESOLVED, OVERLOADED = range(8)
+# OUTSIDE: a function of the program was asked beyond its range and is to stop the run there.
+DONE, PAUSED, RUNAWAY, NOT_FINITE, WAITING, CHATTERS, NOT_RESOLVED, OVERLOADED, OUTSIDE = range(9)
 
 # Beyond this many machine units a run means nothing any more and soon overflows.
 RUNAWAY_MU = 1e12
@@ -187,7 +190,7 @@ def play(
     adc, adc_figures, dac, dac_figures, steps, step_values = coupling
     code, word_registers, memory = deck
     source, factor = pens
-    v, next_v, sample, registers, ring, words, count, notes, values = state
+    v, next_v, sample, registers, ring, words, count, notes, values, outside = state
     signals, adcs, depth = signal.shape[0], adc.shape[0], ring.shape[0]
     blocks, columns = change.shape[1], change.shape[2]
     inputs, sums, inputs_at = reach.shape[0], reach.shape[1], kept.shape[0]
@@ -255,7 +258,13 @@ def play(
                     outcome = OVERLOADED
                     break
             elif cue == START:
-                run_tape(code, registers)
+                clock = outside.shape[0] - 1
+                outside[clock, library.REPEAT] = repeat
+                outside[clock, library.INSTANT] = cues[at, 2]
+                run_tape(code, registers, outside)
+                if outside[clock, library.TIMES] > 0.0:
+                    outcome = OUTSIDE
+                    break
                 for w in range(word_registers.shape[0]):
                     ring[started, w] = registers[word_registers[w]]
                 remember(memory, registers)
@@ -346,7 +355,8 @@ def forget_stale_kernels() -> None:
     numba looks at the module of a function only, and would go on with what it called in another one.
     """
     here = Path(__file__).parent
-    sources = [*here.glob("*.py"), here.parent / "tape.py", here.parent / "elements.py"]
+    beside = (here.parent / name for name in ("tape.py", "elements.py", "surroundings.py"))
+    sources = [*here.glob("*.py"), *beside]
     newest = max(source.stat().st_mtime for source in sources)
     with contextlib.suppress(AttributeError, OSError):
         for index in Path(play._cache.cache_path).glob("*.nbi"):

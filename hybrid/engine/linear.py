@@ -14,6 +14,7 @@ import numpy as np
 
 from hybrid.engine import kernel
 from hybrid.engine.kernel import Coupling, Deck, Pens, Plant, Score, State
+from hybrid.engine.library import SEGMENT
 from hybrid.engine.propagator import Propagator, propagator
 from hybrid.machine import Floats, Machine, Pen
 from hybrid.modes import CONTINUE
@@ -196,6 +197,7 @@ class Player:
         self._collect_overloads()
         self.state.counts[[kernel.REPEAT, kernel.CUE]] = 0
         self.segment += 1
+        self.state.outside[-1, SEGMENT] = self.segment
 
     def _instant_ticks(self, repeat: int, instant: int) -> int:
         segment = self.timeline.segments[self.segment]
@@ -391,6 +393,7 @@ def _state(machine: Machine, plant: Plant) -> State:
         np.zeros(8, dtype=np.int64),
         np.zeros((watched, 6), dtype=np.int64),
         np.zeros((watched, 2)),
+        np.zeros((len(machine.tape.sites) + 1, 6)),
     )
 
 

@@ -1,0 +1,100 @@
+"""The tape's operations of several arguments: the helper functions, compiled.
+
+Stage 4. Their arguments stand in registers side by side. The formulas are those of `surroundings`, which
+parameters are computed with, too.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from typing import TypeAlias
+
+import numpy as np
+import numpy.typing as npt
+
+from hybrid import surroundings
+from hybrid.engine.compiling import compiled
+from hybrid.tape import CONTINUES, STOPS, Op
+
+Floats = npt.NDArray[np.float64]
+
+# What the compiler gives has no types of its own.
+_One: TypeAlias = Callable[..., float]
+_Two: TypeAlias = Callable[..., tuple[float, float]]
+_Three: TypeAlias = Callable[..., tuple[float, float, float]]
+_us76: _Two = compiled(surroundings.us76)
+_us76_sound_speed: _One = compiled(surroundings.us76_sound_speed)
+_exponential_density: _One = compiled(surroundings.exponential_density)
+_gravity_sphere: _One = compiled(surroundings.gravity_sphere)
+_gravity_j2: _Three = compiled(surroundings.gravity_j2)
+_gravity_j2_polar: _Two = compiled(surroundings.gravity_j2_polar)
+_geodetic: _Three = compiled(surroundings.geodetic)
+_earth_fixed: _Three = compiled(surroundings.earth_fixed)
+
+TEMPERATURE_US76, PRESSURE_US76, DENSITY_US76, SOUND_SPEED_US76 = (
+    int(op) for op in (Op.TEMPERATURE_US76, Op.PRESSURE_US76, Op.DENSITY_US76, Op.SOUND_SPEED_US76)
+)
+DENSITY_EXPONENTIAL, GRAVITY_SPHERE = int(Op.DENSITY_EXPONENTIAL), int(Op.GRAVITY_SPHERE)
+GRAVITY_X_J2, GRAVITY_Y_J2, GRAVITY_Z_J2 = (
+    int(op) for op in (Op.GRAVITY_X_J2, Op.GRAVITY_Y_J2, Op.GRAVITY_Z_J2)
+)
+GRAVITY_DOWN_J2, GRAVITY_NORTH_J2 = int(Op.GRAVITY_DOWN_J2), int(Op.GRAVITY_NORTH_J2)
+LATITUDE_WGS84, LONGITUDE_WGS84, HEIGHT_WGS84 = (
+    int(op) for op in (Op.LATITUDE_WGS84, Op.LONGITUDE_WGS84, Op.HEIGHT_WGS84)
+)
+X_WGS84, Y_WGS84, Z_WGS84 = (int(op) for op in (Op.X_WGS84, Op.Y_WGS84, Op.Z_WGS84))
+GAS_CONSTANT = surroundings.US76_GAS_CONSTANT
+LOWEST_M, HIGHEST_M = surroundings.US76_LOWEST_M, surroundings.US76_HIGHEST_M
+
+# A row of State.outside for each place of the program that may be asked beyond its range: how often, the
+# first time as (segment, repeat, instant), which argument, its value. The last row is the clock, with
+# the present time in place of the first, and how many calls were to stop the run in place of how often.
+TIMES, SEGMENT, REPEAT, INSTANT, ARGUMENT, VALUE = range(6)
+
+
+@compiled
+def note_outside(notes: Floats, site: int, argument: int, value: float, action: int) -> None:
+    """Remember that a function was asked beyond its range."""
+    clock = notes.shape[0] - 1
+    if notes[site, TIMES] == 0.0:
+        for column in (SEGMENT, REPEAT, INSTANT):
+            notes[site, column] = notes[clock, column]
+        notes[site, ARGUMENT] = argument
+        notes[site, VALUE] = value
+    notes[site, TIMES] += 1.0
+    if action == STOPS:
+        notes[clock, TIMES] += 1.0
+
+
+@compiled
+def compute_helper(op: int, r: Floats, at: int, site: int, notes: Floats) -> float:
+    """A helper function of the registers from `at` on; `site` is its row of `notes`."""
+    if op <= SOUND_SPEED_US76:
+        if r[at] < LOWEST_M or r[at] > HIGHEST_M:
+            note_outside(notes, site, 0, r[at], CONTINUES)
+        temperature, pressure = _us76(r[at])
+        if op == TEMPERATURE_US76:
+            return temperature
+        if op == PRESSURE_US76:
+            return pressure
+        if op == DENSITY_US76:
+            return pressure / (GAS_CONSTANT * temperature)
+        return _us76_sound_speed(temperature)
+    if op == DENSITY_EXPONENTIAL:
+        return _exponential_density(r[at], r[at + 1], r[at + 2])
+    if op == GRAVITY_SPHERE:
+        return _gravity_sphere(r[at], r[at + 1])
+    if op <= GRAVITY_Z_J2:
+        x, y, z = _gravity_j2(r[at], r[at + 1], r[at + 2], r[at + 3], r[at + 4], r[at + 5])
+        return x if op == GRAVITY_X_J2 else (y if op == GRAVITY_Y_J2 else z)
+    if op <= GRAVITY_NORTH_J2:
+        down, north = _gravity_j2_polar(r[at], r[at + 1], r[at + 2], r[at + 3], r[at + 4])
+        return down if op == GRAVITY_DOWN_J2 else north
+    if op == LONGITUDE_WGS84:
+        return math.atan2(r[at + 1], r[at])
+    if op <= HEIGHT_WGS84:
+        latitude, _, height = _geodetic(r[at], r[at + 1], r[at + 2])
+        return latitude if op == LATITUDE_WGS84 else height
+    x, y, z = _earth_fixed(r[at], r[at + 1], r[at + 2])
+    return x if op == X_WGS84 else (y if op == Y_WGS84 else z)

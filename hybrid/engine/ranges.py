@@ -1,0 +1,77 @@
+"""Which functions of the program were asked beyond their range, and when first. Stage 4."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from hybrid.engine.library import ARGUMENT, INSTANT, REPEAT, SEGMENT, TIMES, VALUE
+from hybrid.engine.linear import Player
+from hybrid.scale import to_seconds
+from hybrid.tape import ACTIONS, STOPS, Site
+
+
+@dataclass(frozen=True, slots=True)
+class Outside:
+    """One place in the program that asked beyond the range of a function; SI units."""
+
+    site: Site
+    argument: int
+    value: float  # the first
+    time_s: float  # of the first
+    times: int
+
+    @property
+    def range(self) -> tuple[float, float]:
+        """From where to where the function is defined along that argument."""
+        return self.site.ranges[self.argument]
+
+    def facts(self) -> dict[str, Any]:
+        """For JSON and the record."""
+        return {
+            "function": self.site.function,
+            "word": self.site.word,
+            "argument": self.site.arguments[self.argument],
+            "value": self.value,
+            "range": list(self.range),
+            "units": self.site.units[self.argument],
+            "time_s": self.time_s,
+            "times": self.times,
+            "action": ACTIONS[self.site.action],
+        }
+
+    def __str__(self) -> str:
+        site, unit = self.site, self.site.units[self.argument]
+        low, high = self.range
+        asked = (
+            f"{site.function} in word {site.word!r} was asked for {site.arguments[self.argument]} = "
+            f"{self.value:.6g}{unit and ' ' + unit}, outside {low:g} to {high:g}"
+        )
+        if site.action == STOPS:
+            return asked
+        often = "once" if self.times == 1 else f"{self.times} times, first"
+        return f"{asked} ({often} at {self.time_s:.6g} s; {ACTIONS[site.action]})"
+
+
+def outside(player: Player) -> tuple[Outside, ...]:
+    """Every place that has asked so far, by first time, then by its place in the program."""
+    notes = player.state.outside
+    found = []
+    for row in np.flatnonzero(notes[:-1, TIMES]).tolist():
+        note = notes[row]
+        segment, repeat, instant = (int(note[column]) for column in (SEGMENT, REPEAT, INSTANT))
+        stretch = player.timeline.segments[segment]
+        offset = player.offsets[segment][instant] if instant >= 0 else 0
+        ticks = stretch.start + repeat * stretch.length + offset
+        found.append(
+            Outside(
+                player.machine.tape.sites[row],
+                int(note[ARGUMENT]),
+                float(note[VALUE]),
+                to_seconds(ticks),
+                int(note[TIMES]),
+            )
+        )
+    return tuple(sorted(found, key=lambda o: o.time_s))
