@@ -12,6 +12,7 @@ from hybrid.expressions import (
     Binary,
     Call,
     ExpressionError,
+    LookUp,
     Name,
     Node,
     Number,
@@ -42,6 +43,10 @@ def dimension_of(tree: Node, scope: Mapping[str, Dimension | None]) -> Dimension
     parts = [(part, dimension_of(part, scope)) for part in children(tree)]
     if isinstance(tree, Unary):
         return parts[0][1] if tree.op == "-" else _all_pure(tree, parts)
+    if isinstance(tree, LookUp):
+        for axis, (part, dimension) in zip(tree.table.axes, parts, strict=True):
+            _require(tree, part, dimension, axis.name, axis.dimension)
+        return tree.table.dimension
     if isinstance(tree, Call):
         return _call_dimension(tree, parts)
     if tree.op in LOGIC:

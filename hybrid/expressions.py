@@ -17,6 +17,7 @@ from typing import Literal, TypeAlias, TypeVar
 
 from hybrid.errors import did_you_mean
 from hybrid.helpers import HELPERS, Helper
+from hybrid.tables import Table
 from hybrid.units import PURE, Dimension
 
 
@@ -78,7 +79,15 @@ class Call:
     args: tuple[Node, ...]
 
 
-Node: TypeAlias = Number | Name | Unary | Binary | Call
+@dataclass(frozen=True, slots=True)
+class LookUp:
+    """A table at the values of its arguments; it has a value only while a program runs."""
+
+    table: Table
+    args: tuple[Node, ...]
+
+
+Node: TypeAlias = Number | Name | Unary | Binary | Call | LookUp
 
 
 def _sign(x: float) -> float:
@@ -188,7 +197,7 @@ def children(tree: Node) -> tuple[Node, ...]:
         return (tree.operand,)
     if isinstance(tree, Binary):
         return (tree.left, tree.right)
-    return tree.args if isinstance(tree, Call) else ()
+    return tree.args if isinstance(tree, Call | LookUp) else ()
 
 
 def sub_expressions(tree: Node) -> Iterator[Node]:
@@ -220,8 +229,13 @@ def previous_names(tree: Node) -> frozenset[str]:
 
 
 def is_constant(tree: Node) -> bool:
-    """True if no name occurs, so that `evaluate` needs no scope."""
-    return not any(isinstance(node, Name) for node in sub_expressions(tree))
+    """True if no name and no table occurs, so that `evaluate` needs no scope."""
+    return not any(isinstance(node, Name | LookUp) for node in sub_expressions(tree))
+
+
+def asks_table(tree: Node) -> bool:
+    """Whether a table occurs."""
+    return any(isinstance(node, LookUp) for node in sub_expressions(tree))
 
 
 def evaluate(tree: Node, scope: Mapping[str, float]) -> float:
@@ -239,7 +253,7 @@ def evaluate(tree: Node, scope: Mapping[str, float]) -> float:
         return -value if tree.op == "-" else float(not value)
     if isinstance(tree, Binary):
         return _evaluate_binary(tree, scope)
-    if tree.function == "previous":
+    if isinstance(tree, LookUp) or tree.function == "previous":
         raise ExpressionError(f"{to_text(tree)} has a value only while a program runs")
     if tree.function == "select":  # what is not selected need have no value
         condition, chosen, other = tree.args
@@ -293,6 +307,8 @@ def _text(tree: Node, needed: int) -> str:
         return tree.id
     elif isinstance(tree, Call):
         return f"{tree.function}({', '.join(map(to_text, tree.args))})"
+    elif isinstance(tree, LookUp):
+        return f"{tree.table.name}({', '.join(map(to_text, tree.args))})"
     elif isinstance(tree, Unary):
         strength = _UNARY_STRENGTH[tree.op]
         text = ("-" if tree.op == "-" else "not ") + _text(tree.operand, strength)

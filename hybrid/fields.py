@@ -245,15 +245,16 @@ class Fields:
             if key.holds is Holds.INTEGER:
                 number = self.integer(key.name, 0)
             elif key.holds is Holds.CHOICE:
-                number = self._choice(key)
+                number = self.choice(key)
             else:
                 continue
             what = f"{key.name} of {self.what}"
             found[key.name] = Value(Number(float(number)), self.place(key.name), what)
         return found
 
-    def _choice(self, key: Key) -> int:
-        text = self.text(key.name)
+    def choice(self, key: Key) -> int:
+        """The number of a word among those that may be chosen; the first where it is not given."""
+        text = self.text(key.name, key.choices[0])
         if text not in key.choices:
             hint = did_you_mean(text, key.choices)
             raise PatchError(

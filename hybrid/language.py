@@ -23,6 +23,7 @@ class Holds(Enum):
     TERMS = "terms"  # {signal: coefficient, ...}
     SIGNALS = "signals"  # [name, ...]
     POINTS = "points"  # {input: output, ...}
+    GRID = "grid"  # {input: output, ...} or {input: {input: output, ...}, ...} and so on
 
 
 class Unit(Enum):
@@ -165,6 +166,39 @@ DIGITAL_KEYS = (
     Key("program", Holds.TERMS, "assignments, word: arithmetic", required=True),
 )
 
+TABLE_KEYS = (
+    Key("inputs", Holds.TERMS, "one to four variables, input: unit (1: none)", required=True),
+    Key("unit", Holds.TEXT, "unit of the values", default="1, none"),
+    Key("values", Holds.GRID, "breakpoint: value, nested one level deeper for every further input"),
+    Key(
+        "file",
+        Holds.TEXT,
+        "CSV file in place of values, relative to the patch: a line of headings with the inputs, then a "
+        "row for every combination of breakpoints",
+    ),
+    Key(
+        "output",
+        Holds.TEXT,
+        "column of the values",
+        default="the only one left, or the table's name",
+    ),
+    Key(
+        "method",
+        Holds.CHOICE,
+        "straight lines, or monotone cubics (of Fritsch and Carlson; one variable after the other)",
+        default="linear",
+        choices=("linear", "cubic"),
+    ),
+    Key(
+        "outside",
+        Holds.CHOICE,
+        "beyond the first or last breakpoint: end the run, take the value there, or go on along the "
+        "line or tangent there; the run says how often and when first",
+        default="stop",
+        choices=("stop", "clamp", "extrapolate"),
+    ),
+)
+
 DEFAULT_ROWS = 1_000_000
 
 MODES_KEYS = (
@@ -242,6 +276,7 @@ TOP_KEYS = (
     Key("machine", Holds.TEXT, "preset name, or a mapping of the machine's keys"),
     TIME_SCALE,
     Key("parameters", Holds.TERMS, "name: quantity; may be set from the command line"),
+    Key("tables", Holds.TERMS, "name: look-up table, a function of the program"),
     Key("analog", Holds.TERMS, "signal: component"),
     Key("interface", Holds.TERMS, "signal: adc or dac"),
     Key("digital", Holds.TERMS, "the digital machine"),

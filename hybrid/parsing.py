@@ -14,7 +14,8 @@ import functools
 import keyword
 import math
 import re
-from collections.abc import Set
+from collections.abc import Mapping, Set
+from types import MappingProxyType
 
 from hybrid.errors import did_you_mean
 from hybrid.expressions import (
@@ -25,12 +26,14 @@ from hybrid.expressions import (
     BinaryOp,
     Call,
     ExpressionError,
+    LookUp,
     Name,
     Node,
     Number,
     Unary,
     shown,
 )
+from hybrid.tables import Table
 from hybrid.units import UnitError, looks_like_quantity, parse_quantity, split_quantity
 
 LONGEST_TEXT = 2000
@@ -81,7 +84,10 @@ _NUMBER_THEN_NAME = re.compile(
 
 
 def parse(
-    text: str | int | float, names: Set[str] = frozenset(), allow_previous: bool = False
+    text: str | int | float,
+    names: Set[str] = frozenset(),
+    allow_previous: bool = False,
+    tables: Mapping[str, Table] = MappingProxyType({}),
 ) -> Node:
     """Read an expression such as "-omega_p**2 * theta", a number, or a quantity such as "1 ms".
 
@@ -93,6 +99,8 @@ def parse(
         known signals and parameters: "3 cycle" is refused if cycle is one of them.
     allow_previous
         whether previous(name) is valid, as it is in a digital program.
+    tables
+        by the name under which they are asked.
 
     Raises
     ------
@@ -110,7 +118,7 @@ def parse(
         _refuse_hidden_product(text, names)
         return _quantity(text)
     _refuse_foreign_text(text)
-    return _Reader(text, allow_previous).expression()
+    return _Reader(text, allow_previous, tables).expression()
 
 
 def _quantity(text: str | int | float) -> Number:
@@ -186,8 +194,8 @@ def _refuse_foreign_text(text: str) -> None:
 class _Reader:
     """Turns Python's syntax tree of one text into nodes of our own, refusing all else."""
 
-    def __init__(self, text: str, allow_previous: bool):
-        self._allow_previous = allow_previous
+    def __init__(self, text: str, allow_previous: bool, tables: Mapping[str, Table]):
+        self._allow_previous, self._tables = allow_previous, tables
         body = text.replace("\n", " ")
         skipped = len(body) - len(body.lstrip())
         # Column in the text given, for each character that Python sees.
@@ -267,7 +275,9 @@ class _Reader:
             raise self._error(f"{name} is a function; write {name}(...)", node)
         return Name(name)
 
-    def _call(self, node: ast.expr, name: str, args: tuple[Node, ...]) -> Call:
+    def _call(self, node: ast.expr, name: str, args: tuple[Node, ...]) -> Node:
+        if name in self._tables:
+            return self._look_up(node, self._tables[name], args)
         if name == "previous":
             if not self._allow_previous:
                 raise self._error("previous() is valid only in a digital program", node)
@@ -280,12 +290,22 @@ class _Reader:
             return Call(name, args)
         function = FUNCTIONS.get(name)
         if function is None:
-            advice = did_you_mean(name, FUNCTIONS)
+            advice = did_you_mean(name, {**FUNCTIONS, **self._tables})
             raise self._error(f"unknown function {name!r}; {advice}", node)
         if not function.fewest <= len(args) <= function.most:
             count = " to ".join(map(str, sorted({function.fewest, function.most})))
             raise self._error(f"{name}() takes {count} argument(s), not {len(args)}", node)
         return Call(name, args)
+
+    def _look_up(self, node: ast.expr, table: Table, args: tuple[Node, ...]) -> LookUp:
+        axes = [axis.name for axis in table.axes]
+        if len(args) != len(axes):
+            raise self._error(
+                f"the table {table.name} takes {len(axes)} argument(s), {', '.join(axes)}, not "
+                f"{len(args)}",
+                node,
+            )
+        return LookUp(table, args)
 
     def _error(self, message: str, node: ast.expr) -> ExpressionError:
         return ExpressionError(message, self._column[node.col_offset])

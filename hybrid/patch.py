@@ -213,6 +213,7 @@ class Patch:
     readouts: tuple[Readout, ...]
     modes: ModeSettings | None = None
     time_scale: Value | None = None
+    files: Mapping[str, str] = field(default_factory=dict)  # SHA-256 of those it names
 
     def bind(self, overrides: Mapping[str, float] | None = None) -> dict[str, float]:
         """Every parameter as an SI number, `overrides` (SI) replacing defaults.

@@ -7,6 +7,7 @@ replayed alone. Where they are interrupted, those that are done are kept.
 from __future__ import annotations
 
 import functools
+import json
 import math
 import pickle
 from collections.abc import Callable, Collection, Iterable, Iterator, Sequence
@@ -276,6 +277,7 @@ def origin(first: Machine) -> dict[str, str]:
         "title": patch.title,
         "patch": patch.file,
         "patch_hash": patch_hash(patch),
+        "file_hashes": json.dumps(patch.files),
         "machine": first.preset,
         "versions": versions_text(),
     }

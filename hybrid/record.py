@@ -131,6 +131,7 @@ def record_parts(
         "title": patch.title,
         "patch": patch.file,
         "patch_hash": patch_hash(patch),
+        "file_hashes": json.dumps(patch.files),
         "machine": machine.preset,
         "serial": machine.serial,
         "cycle_s": machine.cycle_s,

@@ -27,7 +27,7 @@ from hybrid.readout import FEWEST_ROWS_PER_CYCLE, READOUTS
 from hybrid.record import full_scales, pens_for, record_parts, signal_units
 from hybrid.scale import row_times_s, to_seconds, to_ticks
 from hybrid.storage import Parts
-from hybrid.tape import STOPS
+from hybrid.tables import STOPS
 from hybrid.timeline import build_timeline
 
 if TYPE_CHECKING:
@@ -259,7 +259,7 @@ def ending(player: Player) -> tuple[str, str]:
 
 def _stopper(player: Player) -> str:
     """The call that was to stop the run, and why."""
-    found = next(o for o in outside(player) if o.site.action == STOPS)
+    found = next(o for o in outside(player) if o.action == STOPS)
     return f"{found}, and is declared with outside: stop"
 
 

@@ -63,10 +63,13 @@ _TEXT_EXAMPLES = {
     "control": "moment",
     "reset_when": "moment",
     "hold_when": "moment",
+    "file": "drag.csv",
+    "output": "cd",
 }
 _TERMS_EXAMPLES: Mapping[str, Any] = {
     "program": EXAMPLE["digital"]["program"],
     "remember": {"moment_word": 0},
+    "inputs": {"mach": 1, "height": "ft"},
 }
 
 
@@ -85,6 +88,7 @@ def json_schema() -> dict[str, Any]:
     contents = {
         "machine": machine,
         "parameters": _map(_quantity(), {"not": {"enum": sorted(RESERVED_NAMES)}}),
+        "tables": _map(_table(), {"not": {"enum": sorted(RESERVED_NAMES)}}),
         "analog": _map({"oneOf": [_component(kind) for kind in CATALOG.values()]}, signal),
         "interface": _map({"oneOf": [_object(language.ADC_KEYS), _object(dac)]}, signal),
         "digital": _object(language.DIGITAL_KEYS),
@@ -116,6 +120,12 @@ def _component(kind: Kind) -> dict[str, Any]:
         names = ["theta", "theta_dot"][: kind.inputs]
         made["properties"][kind.main.name].update({**count, "examples": [names]})
     return {"title": kind.key, "description": kind.doc, **made}
+
+
+def _table() -> dict[str, Any]:
+    """Values in the patch or in a file."""
+    either = [{"required": [key]} for key in ("values", "file")]
+    return {**_object(language.TABLE_KEYS), "oneOf": either}
 
 
 def _modes() -> dict[str, Any]:
@@ -178,6 +188,12 @@ def _holds(key: Key) -> dict[str, Any]:
     if key.holds is Holds.POINTS:
         made = {"type": "object", "minProperties": 2, "additionalProperties": _quantity()}
         return {**made, "examples": [{"-1": 0, "0": 0, "1": 1}]}
+    if key.holds is Holds.GRID:
+        made = {"type": "object", "minProperties": 2}
+        return {
+            **made,
+            "examples": [{"0": 0.1, "1.2": 0.3}, {"0": {"0": 1, "5": 2}, "1": {"0": 3}}],
+        }
     if key.holds is Holds.SIGNALS:
         items = {"type": "string", "pattern": NAME}
         return {
@@ -200,6 +216,7 @@ def reference() -> str:
         ("machine", language.MACHINE_KEYS),
         ("interface, adc", language.ADC_KEYS),
         ("interface, dac", (*language.DAC_KEYS, *language.ERROR_KEYS)),
+        ("tables", language.TABLE_KEYS),
         ("digital", language.DIGITAL_KEYS),
         ("modes", language.MODES_KEYS),
         ("run", language.RUN_KEYS),

@@ -19,9 +19,11 @@ from hybrid.expressions import (
     Binary,
     Call,
     ExpressionError,
+    LookUp,
     Name,
     Node,
     Unary,
+    asks_table,
     evaluate,
     names,
     previous_names,
@@ -30,6 +32,7 @@ from hybrid.expressions import (
 )
 from hybrid.helpers import Helper
 from hybrid.patch import Program
+from hybrid.tables import CONTINUES, Table
 
 
 class Op(IntEnum):
@@ -100,6 +103,7 @@ class Op(IntEnum):
     X_WGS84 = 114
     Y_WGS84 = 115
     Z_WGS84 = 116
+    LOOK_UP = 117
 
 
 BINARY_OPS = {
@@ -134,11 +138,6 @@ class Memory(IntEnum):
     LENGTH = 3
 
 
-# What a function does where it is asked beyond its range.
-CONTINUES, CLAMPS, STOPS = range(3)
-ACTIONS = ("continued", "clamped", "stopped")
-
-
 @dataclass(frozen=True, slots=True)
 class Site:
     """A place in the program that asks a function which has a range, in SI units."""
@@ -148,7 +147,8 @@ class Site:
     arguments: tuple[str, ...]
     ranges: tuple[tuple[float, float], ...]
     units: tuple[str, ...]  # SI
-    action: int
+    actions: tuple[tuple[int, int], ...]  # below, above
+    table: Table | None = None
 
 
 @dataclass(frozen=True, eq=False)
@@ -205,6 +205,8 @@ class _Builder:
                 return self.emit(Op.NEG if op == "-" else Op.NOT, self.compute(operand))
             case Binary(op, left, right):
                 return self.emit(BINARY_OPS[op], self.compute(left), self.compute(right))
+            case LookUp(table, arguments):
+                return self.look_up(table, arguments)
             case Call(function, arguments):
                 helper = FUNCTIONS[function].helper
                 if helper:
@@ -214,7 +216,8 @@ class _Builder:
 
     def is_known(self, node: Node) -> bool:
         """Whether the node has a value before the run."""
-        return names(node) <= self.scope.keys() and not previous_names(node)
+        timeless = names(node) <= self.scope.keys() and not previous_names(node)
+        return timeless and not asks_table(node)
 
     def call(self, op: Op, arguments: tuple[Node, ...]) -> int:
         held = [self.compute(argument) for argument in arguments]
@@ -237,8 +240,23 @@ class _Builder:
         if helper.valid:
             argument, dimension = helper.takes[0]
             ranges, units = (helper.valid,), (str(dimension),)
-            site = self.site(Site(name, self.word, (argument,), ranges, units, CONTINUES))
+            actions = ((CONTINUES, CONTINUES),)
+            site = self.site(Site(name, self.word, (argument,), ranges, units, actions))
         return self.emit_wide(FUNCTION_OPS[name], held, site)
+
+    def look_up(self, table: Table, arguments: tuple[Node, ...]) -> int:
+        held = [self.compute(argument) for argument in arguments]
+        axes = table.axes
+        site = Site(
+            table.name,
+            self.word,
+            tuple(axis.name for axis in axes),
+            tuple(axis.range for axis in axes),
+            tuple("" if axis.dimension.is_pure else str(axis.dimension) for axis in axes),
+            tuple((axis.below, axis.above) for axis in axes),
+            table,
+        )
+        return self.emit_wide(Op.LOOK_UP, held, self.site(site))
 
     def site(self, site: Site) -> int:
         self.sites.append(site)

@@ -251,7 +251,11 @@ def test_a_run_says_when_it_left_the_atmosphere(tmp_path, capsys, monkeypatch):
         ),
         ("us76(height)", "us76(height, rate)", "density_us76() takes 1 argument(s), not 2"),
         ("density_us76", "densty_us76", "did you mean 'density_us76'"),
-        ("density_us76(height)", "gravity_sphere(height, rate)", "the gm, 'rate' [m], must be in m^3/s^2"),
+        (
+            "density_us76(height)",
+            "gravity_sphere(height, rate)",
+            "the gm, 'rate' [m], must be in m^3/s^2",
+        ),
         ("density_us76(height)", "latitude_wgs84(height)", "takes 3 argument(s), not 1"),
         (
             "density_us76(height)",
@@ -283,4 +287,4 @@ def test_a_bare_literal_is_in_si_units():
 
 def test_every_function_is_in_the_readme():
     text = (Path(__file__).parent.parent / "README.md").read_text(encoding="utf-8")
-    assert not [name for name in FUNCTIONS if not re.search(rf"`{name}[`(]", text)]
+    assert not [name for name in FUNCTIONS if not re.search(rf"\b{name}\b", text)]

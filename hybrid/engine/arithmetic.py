@@ -12,9 +12,11 @@ import numpy.typing as npt
 
 from hybrid.engine.compiling import compiled, inlined
 from hybrid.engine.library import compute_helper
+from hybrid.engine.lookup import look_up
 from hybrid.tape import FIRST_WIDE, Memory, Op
 
 Floats = npt.NDArray[np.float64]
+Ints = npt.NDArray[np.int64]
 
 # Operations of the tape, as plain numbers for the compiler.
 COPY, ADD, SUB, MUL, DIV, POW, NEG = (
@@ -30,7 +32,7 @@ SINH, COSH, TANH, ASINH, ACOSH, ATANH, LOG10, HYPOT = range(int(Op.SINH), int(Op
 SIGN, FLOOR, CEIL, ROUND, MOD = (int(op) for op in (Op.SIGN, Op.FLOOR, Op.CEIL, Op.ROUND, Op.MOD))
 NOT, AND, OR, LT, LE, GT, GE, EQ, NE = range(int(Op.NOT), int(Op.NE) + 1)
 SELECT, LIMIT = int(Op.SELECT), int(Op.LIMIT)
-WIDE = int(FIRST_WIDE)
+WIDE, LOOK_UP = int(FIRST_WIDE), int(Op.LOOK_UP)
 KEEPS, SOURCE_OF, RING, LENGTH = (int(column) for column in Memory)
 
 
@@ -136,7 +138,15 @@ def is_true(op: int, a: float, b: float) -> bool:
 
 
 @inlined
-def run_tape(code: npt.NDArray[np.int32], r: Floats, outside: Floats) -> None:
+def run_tape(
+    code: npt.NDArray[np.int32],
+    r: Floats,
+    figures: Floats,
+    layout: Ints,
+    outside: Floats,
+    asked: Floats,
+    intervals: Ints,
+) -> None:
     """Play the operations of one cycle on registers `r`."""
     for k in range(code.shape[0]):
         op, a, b = code[k, 0], r[code[k, 2]], r[code[k, 3]]
@@ -154,6 +164,9 @@ def run_tape(code: npt.NDArray[np.int32], r: Floats, outside: Floats) -> None:
             result = -a
         elif op == POW:
             result = a**b
+        elif op == LOOK_UP:
+            at, site = code[k, 2], code[k, 3]
+            result = look_up(r, at, site, figures, layout, asked, intervals, outside)
         elif op >= WIDE:
             result = compute_helper(op, r, code[k, 2], code[k, 3], outside)
         else:

@@ -2,14 +2,23 @@
 
 from __future__ import annotations
 
-from typing import Any
+from collections.abc import Callable
+from typing import Any, TypeVar
 
 import numba
+
+_Function = TypeVar("_Function", bound=Callable[..., Any])
 
 
 def compiled(function: Any) -> Any:
     """Compile at first call, keep on disk, release the interpreter lock, follow IEEE division."""
     return numba.njit(cache=True, nogil=True, error_model="numpy", fastmath={"contract"})(function)
+
+
+def compiled_alike(function: _Function) -> _Function:
+    """The same, for what calls it with the types it was written with."""
+    made: _Function = compiled(function)
+    return made
 
 
 def inlined(function: Any) -> Any:

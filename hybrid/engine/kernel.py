@@ -66,6 +66,8 @@ class Deck(NamedTuple):
     code: npt.NDArray[np.int32]
     words: npt.NDArray[np.int32]
     memory: npt.NDArray[np.int32]
+    figures: Floats  # of its tables, see `lookup`
+    layout: Ints  # (sites, columns)
 
 
 class Pens(NamedTuple):
@@ -88,6 +90,8 @@ class State(NamedTuple):
     overload: Ints  # (signals + adcs + dacs, 6): see the constants below
     beyond: Floats  # (signals + adcs + dacs, 2): first and worst value
     outside: Floats  # (sites of the tape + 1, 6): see `library`
+    asked: Floats  # (sites, 4): arguments of tables
+    intervals: Ints  # (sites, 4): where they lay
 
 
 # What a cue asks for.
@@ -188,9 +192,10 @@ def play(
     cues = score.cues
     change, kept, draws, signal, reach = plant
     adc, adc_figures, dac, dac_figures, steps, step_values = coupling
-    code, word_registers, memory = deck
+    code, word_registers, memory, figures, layout = deck
     source, factor = pens
-    v, next_v, sample, registers, ring, words, count, notes, values, outside = state
+    v, next_v, sample, registers, ring, words, count, notes, values, outside = state[:10]
+    asked, intervals = state.asked, state.intervals
     signals, adcs, depth = signal.shape[0], adc.shape[0], ring.shape[0]
     blocks, columns = change.shape[1], change.shape[2]
     inputs, sums, inputs_at = reach.shape[0], reach.shape[1], kept.shape[0]
@@ -261,7 +266,7 @@ def play(
                 clock = outside.shape[0] - 1
                 outside[clock, library.REPEAT] = repeat
                 outside[clock, library.INSTANT] = cues[at, 2]
-                run_tape(code, registers, outside)
+                run_tape(code, registers, figures, layout, outside, asked, intervals)
                 if outside[clock, library.TIMES] > 0.0:
                     outcome = OUTSIDE
                     break

@@ -7,30 +7,26 @@ parameters are computed with, too.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
-from typing import TypeAlias
 
 import numpy as np
 import numpy.typing as npt
 
 from hybrid import surroundings
-from hybrid.engine.compiling import compiled
-from hybrid.tape import CONTINUES, STOPS, Op
+from hybrid.engine.compiling import compiled_alike
+from hybrid.tables import CONTINUES, STOPS
+from hybrid.tape import Op
 
 Floats = npt.NDArray[np.float64]
 
-# What the compiler gives has no types of its own.
-_One: TypeAlias = Callable[..., float]
-_Two: TypeAlias = Callable[..., tuple[float, float]]
-_Three: TypeAlias = Callable[..., tuple[float, float, float]]
-_us76: _Two = compiled(surroundings.us76)
-_us76_sound_speed: _One = compiled(surroundings.us76_sound_speed)
-_exponential_density: _One = compiled(surroundings.exponential_density)
-_gravity_sphere: _One = compiled(surroundings.gravity_sphere)
-_gravity_j2: _Three = compiled(surroundings.gravity_j2)
-_gravity_j2_polar: _Two = compiled(surroundings.gravity_j2_polar)
-_geodetic: _Three = compiled(surroundings.geodetic)
-_earth_fixed: _Three = compiled(surroundings.earth_fixed)
+_us76 = compiled_alike(surroundings.us76)
+_us76_sound_speed = compiled_alike(surroundings.us76_sound_speed)
+_exponential_density = compiled_alike(surroundings.exponential_density)
+_gravity_sphere = compiled_alike(surroundings.gravity_sphere)
+_gravity_j2 = compiled_alike(surroundings.gravity_j2)
+_gravity_j2_polar = compiled_alike(surroundings.gravity_j2_polar)
+_geodetic = compiled_alike(surroundings.geodetic)
+_earth_fixed = compiled_alike(surroundings.earth_fixed)
+
 
 TEMPERATURE_US76, PRESSURE_US76, DENSITY_US76, SOUND_SPEED_US76 = (
     int(op) for op in (Op.TEMPERATURE_US76, Op.PRESSURE_US76, Op.DENSITY_US76, Op.SOUND_SPEED_US76)
@@ -53,11 +49,11 @@ LOWEST_M, HIGHEST_M = surroundings.US76_LOWEST_M, surroundings.US76_HIGHEST_M
 TIMES, SEGMENT, REPEAT, INSTANT, ARGUMENT, VALUE = range(6)
 
 
-@compiled
+@compiled_alike
 def note_outside(notes: Floats, site: int, argument: int, value: float, action: int) -> None:
-    """Remember that a function was asked beyond its range."""
+    """Remember that a function was asked beyond its range: the first time, or what stops the run."""
     clock = notes.shape[0] - 1
-    if notes[site, TIMES] == 0.0:
+    if notes[site, TIMES] == 0.0 or action == STOPS:
         for column in (SEGMENT, REPEAT, INSTANT):
             notes[site, column] = notes[clock, column]
         notes[site, ARGUMENT] = argument
@@ -67,7 +63,7 @@ def note_outside(notes: Floats, site: int, argument: int, value: float, action: 
         notes[clock, TIMES] += 1.0
 
 
-@compiled
+@compiled_alike
 def compute_helper(op: int, r: Floats, at: int, site: int, notes: Floats) -> float:
     """A helper function of the registers from `at` on; `site` is its row of `notes`."""
     if op <= SOUND_SPEED_US76:

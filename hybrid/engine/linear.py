@@ -15,6 +15,7 @@ import numpy as np
 from hybrid.engine import kernel
 from hybrid.engine.kernel import Coupling, Deck, Pens, Plant, Score, State
 from hybrid.engine.library import SEGMENT
+from hybrid.engine.lookup import pack
 from hybrid.engine.propagator import Propagator, propagator
 from hybrid.machine import Floats, Machine, Pen
 from hybrid.modes import CONTINUE
@@ -361,7 +362,9 @@ def _coupling(machine: Machine) -> Coupling:
 
 
 def _deck(machine: Machine) -> Deck:
-    return Deck(machine.tape.code, machine.tape.word_registers, machine.tape.memory)
+    tape = machine.tape
+    tables = pack([site.table for site in tape.sites])
+    return Deck(tape.code, tape.word_registers, tape.memory, *tables)
 
 
 def _pens(machine: Machine, pens: tuple[Pen, ...]) -> Pens:
@@ -394,6 +397,8 @@ def _state(machine: Machine, plant: Plant) -> State:
         np.zeros((watched, 6), dtype=np.int64),
         np.zeros((watched, 2)),
         np.zeros((len(machine.tape.sites) + 1, 6)),
+        np.zeros((len(machine.tape.sites), 4)),
+        np.zeros((len(machine.tape.sites), 4), dtype=np.int64),
     )
 
 

@@ -10,7 +10,8 @@ import numpy as np
 from hybrid.engine.library import ARGUMENT, INSTANT, REPEAT, SEGMENT, TIMES, VALUE
 from hybrid.engine.linear import Player
 from hybrid.scale import to_seconds
-from hybrid.tape import ACTIONS, STOPS, Site
+from hybrid.tables import ACTIONS, STOPS
+from hybrid.tape import Site
 
 
 @dataclass(frozen=True, slots=True)
@@ -28,6 +29,11 @@ class Outside:
         """From where to where the function is defined along that argument."""
         return self.site.ranges[self.argument]
 
+    @property
+    def action(self) -> int:
+        """What was done."""
+        return self.site.actions[self.argument][self.value > self.range[1]]
+
     def facts(self) -> dict[str, Any]:
         """For JSON and the record."""
         return {
@@ -39,7 +45,7 @@ class Outside:
             "units": self.site.units[self.argument],
             "time_s": self.time_s,
             "times": self.times,
-            "action": ACTIONS[self.site.action],
+            "action": ACTIONS[self.action],
         }
 
     def __str__(self) -> str:
@@ -49,10 +55,10 @@ class Outside:
             f"{site.function} in word {site.word!r} was asked for {site.arguments[self.argument]} = "
             f"{self.value:.6g}{unit and ' ' + unit}, outside {low:g} to {high:g}"
         )
-        if site.action == STOPS:
+        if self.action == STOPS:
             return asked
         often = "once" if self.times == 1 else f"{self.times} times, first"
-        return f"{asked} ({often} at {self.time_s:.6g} s; {ACTIONS[site.action]})"
+        return f"{asked} ({often} at {self.time_s:.6g} s; {ACTIONS[self.action]})"
 
 
 def outside(player: Player) -> tuple[Outside, ...]:

@@ -10,12 +10,15 @@ from hybrid.errors import PatchError, Place, did_you_mean, quoted
 from hybrid.fields import Fields, FullScale, check_name, one_kind, only_keys, table_of
 from hybrid.language import ADC_KEYS, DAC_KEYS, DIGITAL_KEYS, ERROR_KEYS, Key
 from hybrid.modes import LOGIC
+from hybrid.patchfile.files import Files
+from hybrid.tables import Table as LookUpTable
 from hybrid.units import Dimension
 from hybrid.yamltree import Table
 
 # More than any patch has; a file of more would take minutes to compile and gigabytes to run.
 MOST_ENTRIES = {
     "parameters": 5000,
+    "tables": 1000,
     "analog": 1000,
     "interface": 1000,
     "program": 5000,
@@ -27,6 +30,7 @@ class Role(Enum):
     """What a name stands for."""
 
     PARAMETER = "parameter"
+    TABLE = "table"
     COMPONENT = "analog signal"
     DAC = "DAC"
     ADC = "ADC"
@@ -36,6 +40,7 @@ class Role(Enum):
 # How a name of each other role gets onto the analog side.
 _WAY_TO_ANALOG = {
     Role.PARAMETER: "a parameter becomes a signal through constant:",
+    Role.TABLE: "the program asks it, and its word enters through a dac in the interface",
     Role.ADC: "what an ADC reads stays in the program; take the signal that it samples",
     Role.WORD: "a word enters the analog side through a dac in the interface",
 }
@@ -47,13 +52,15 @@ class Book:
     def __init__(self, root: Table) -> None:
         """Take down every name that `root` defines, in the order written."""
         self.root = root
+        self.files = Files(root.place.file)
+        self.tables: dict[str, LookUpTable] = {}
         self.roles: dict[str, Role] = {}
         self.places: dict[str, Place] = {}
         self.scope: dict[str, Dimension | None] = {}  # parameters, for arithmetic
         self.units: dict[str, str] = {}  # in which the parameters are written
         self.scales: dict[str, FullScale] = {}  # of analog signals, DACs and ADCs
         for section in root.entries:
-            if section in ("parameters", "analog", "interface"):
+            if section in ("parameters", "tables", "analog", "interface"):
                 self._take_section(section)
             elif section == "digital":
                 self._take_words()
@@ -114,7 +121,7 @@ class Book:
     @property
     def signals(self) -> frozenset[str]:
         """All that can be recorded."""
-        return frozenset(self.roles) - frozenset(self.named(Role.PARAMETER))
+        return frozenset(self.roles) - frozenset(self.named(Role.PARAMETER, Role.TABLE))
 
     def require_analog(self, name: str, doing: str, place: Place) -> None:
         """Refuse a cord from anything but an analog signal; `doing` begins the message."""
@@ -132,7 +139,8 @@ class Book:
                 table = table_of(tree, f"converter {quoted(name)}")
                 role = _converter_role(name, table, place)
             else:
-                role = Role.PARAMETER if section == "parameters" else Role.COMPONENT
+                roles = {"parameters": Role.PARAMETER, "tables": Role.TABLE}
+                role = roles.get(section, Role.COMPONENT)
             self._take(name, role, place)
 
     def _take_words(self) -> None:

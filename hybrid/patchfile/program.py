@@ -55,7 +55,7 @@ def _assignment(book: Book, word: str, tree: Tree, readable: frozenset[str]) -> 
     if not isinstance(tree, Text) or not tree.text:
         raise PatchError(f"{what} needs arithmetic, such as 2 * angle_sample", tree.place)
     try:
-        expr = parse(tree.text, readable, allow_previous=True)
+        expr = parse(tree.text, readable, allow_previous=True, tables=book.tables)
     except ExpressionError as error:
         raise PatchError(f"{what}: {error}", tree.place) from None
     for name in sorted((names(expr) | previous_names(expr)) - readable):
@@ -79,6 +79,9 @@ def _assignment(book: Book, word: str, tree: Tree, readable: frozenset[str]) -> 
 
 def _refuse(book: Book, what: str, name: str, place: Place) -> None:
     """The program reads a name that it cannot read."""
+    if name in book.tables:
+        axes = ", ".join(axis.name for axis in book.tables[name].axes)
+        raise PatchError(f"{what}: {name!r} is a table; write {name}({axes})", place)
     if name in book.roles:
         raise PatchError(
             f"{what} reads the analog signal {name!r}; the program reads it through an adc in the "

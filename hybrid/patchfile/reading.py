@@ -17,6 +17,7 @@ from hybrid.patchfile.interface import read_adcs, read_dacs
 from hybrid.patchfile.outcome import read_modes, read_readouts, read_record, read_run
 from hybrid.patchfile.parameters import read_parameters
 from hybrid.patchfile.program import read_program
+from hybrid.patchfile.tables import read_tables
 from hybrid.shipped import find_patch, shipped_patches
 from hybrid.yamltree import LARGEST_FILE, read_yaml
 
@@ -86,6 +87,7 @@ def parse_patch(text: str, file: str = "<text>") -> Patch:
     title, description = top.line("title"), top.text("description", "")
     book = Book(root)
     parameters = read_parameters(book)
+    book.tables.update(read_tables(book))
     machine = read_machine(book)
     components = read_components(book)
     dacs = read_dacs(book)
@@ -108,6 +110,7 @@ def parse_patch(text: str, file: str = "<text>") -> Patch:
         read_readouts(book),
         read_modes(book),
         read_time_scale(book),
+        book.files.hashes,
     )
     _try_numbers(patch)
     return patch

@@ -1,0 +1,79 @@
+"""Look-up tables of one to four variables, as data.
+
+Stage 0. Whoever reads a file builds a `Table` with `table`, which refuses what is no table; the engine's
+`lookup` computes with it.
+"""
+
+from __future__ import annotations
+
+import itertools
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import TypeAlias
+
+import numpy as np
+import numpy.typing as npt
+
+from hybrid.units import PURE, Dimension
+
+Floats: TypeAlias = npt.NDArray[np.float64]
+
+MOST_VARIABLES = 4
+MOST_VALUES = 1_000_000
+METHODS = ("linear", "cubic")
+
+# What a function does where it is asked beyond its range, and how a run says so.
+CONTINUES, CLAMPS, STOPS = range(3)
+OUTSIDE: Mapping[str, int] = {"extrapolate": CONTINUES, "clamp": CLAMPS, "stop": STOPS}
+ACTIONS = ("continued", "clamped", "stopped")
+
+
+class TableError(ValueError):
+    """Numbers that make no table; the message is one line and says what would be valid."""
+
+
+@dataclass(frozen=True, eq=False)
+class Axis:
+    """One variable: its breakpoints in SI units and what happens below and above its range."""
+
+    name: str
+    points: Floats  # (n,), n >= 2, strictly increasing
+    range: tuple[float, float]
+    below: int = STOPS
+    above: int = STOPS
+    dimension: Dimension = PURE
+
+
+@dataclass(frozen=True, eq=False)
+class Table:
+    """Values at every combination of breakpoints, in SI units, `values[i, j, ...]`.
+
+    Linear along each variable (multilinear), or cubic: the monotone piecewise cubic of Fritsch and
+    Carlson along the last variable, then of the results along the one before it, and so on.
+    """
+
+    name: str
+    axes: tuple[Axis, ...]
+    values: Floats
+    method: str = METHODS[0]
+    dimension: Dimension = PURE
+
+
+def check_points(name: str, points: Sequence[float]) -> None:
+    """Refuse breakpoints that are not strictly increasing, naming the two at fault."""
+    if len(points) < 2:
+        raise TableError(f"{name} has {len(points)} breakpoint(s); a table needs 2 or more")
+    for before, after in itertools.pairwise(points):
+        if not after > before:
+            raise TableError(
+                f"breakpoints of {name} must increase, but {after:g} comes after {before:g}"
+            )
+
+
+def check_size(counts: Sequence[int]) -> None:
+    """Refuse more variables or values than a table may have."""
+    if not 1 <= len(counts) <= MOST_VARIABLES:
+        raise TableError(f"it has {len(counts)} inputs; 1 to {MOST_VARIABLES} are possible")
+    if math.prod(counts) > MOST_VALUES:
+        raise TableError(f"it has {math.prod(counts)} values; at most {MOST_VALUES} are possible")
