@@ -199,6 +199,14 @@ TABLE_KEYS = (
     ),
 )
 
+MODEL_KEYS = (
+    Key("file", Holds.TEXT, "DAVE-ML file (AIAA S-119), relative to the patch", required=True),
+    Key("inputs", Holds.TERMS, "variable: arithmetic of the program", default="none"),
+    Key(
+        "units", Holds.TERMS, "variable: unit, in place of what the file says", default="the file's"
+    ),
+)
+
 DEFAULT_ROWS = 1_000_000
 
 MODES_KEYS = (
@@ -277,6 +285,9 @@ TOP_KEYS = (
     TIME_SCALE,
     Key("parameters", Holds.TERMS, "name: quantity; may be set from the command line"),
     Key("tables", Holds.TERMS, "name: look-up table, a function of the program"),
+    Key(
+        "models", Holds.TERMS, "name: DAVE-ML model, whose outputs the program reads as name.output"
+    ),
     Key("analog", Holds.TERMS, "signal: component"),
     Key("interface", Holds.TERMS, "signal: adc or dac"),
     Key("digital", Holds.TERMS, "the digital machine"),

@@ -230,6 +230,8 @@ class _Reader:
                 return self._number(node, value)
             case ast.Name(id=name):
                 return self._name(node, name)
+            case ast.Attribute() if name := _dotted(node):
+                return Name(name)
             case ast.UnaryOp(op=ast.UAdd(), operand=operand):
                 return self._read(operand, depth + 1)
             case ast.UnaryOp(op=ast.USub(), operand=operand):
@@ -323,6 +325,15 @@ class _Reader:
 def _joined(op: BinaryOp, parts: list[Node]) -> Node:
     """Parts in a row with the same operator between them, grouped from the left."""
     return functools.reduce(lambda left, right: Binary(op, left, right), parts)
+
+
+def _dotted(node: ast.expr) -> str:
+    """The name of something in a part, such as "rotation.rate"; "" for what is no name."""
+    if isinstance(node, ast.Name):
+        return "" if node.id in RESERVED_NAMES else node.id
+    if isinstance(node, ast.Attribute) and (part := _dotted(node.value)):
+        return f"{part}.{node.attr}"
+    return ""
 
 
 def _negative(operand: Node) -> Node:

@@ -134,6 +134,7 @@ class Assignment:
     expr: Node
     place: Place = NOWHERE
     dimension: Dimension | None = None
+    hidden: bool = False  # of a model, which is not recorded
 
 
 @dataclass(frozen=True, slots=True)
@@ -272,7 +273,8 @@ class Patch:
     @property
     def signals(self) -> tuple[str, ...]:
         """Names of every signal and word, sorted."""
-        words = [a.word for a in self.program.assignments] if self.program else []
+        assignments = self.program.assignments if self.program else ()
+        words = [a.word for a in assignments if not a.hidden]
         sampled = [adc.name for adc in self.adcs]
         return tuple(sorted([p.name for p in self.analog_parts] + sampled + words))
 

@@ -70,6 +70,7 @@ _TERMS_EXAMPLES: Mapping[str, Any] = {
     "program": EXAMPLE["digital"]["program"],
     "remember": {"moment_word": 0},
     "inputs": {"mach": 1, "height": "ft"},
+    "units": {"bodyMomentOfInertia_Roll": "kg*m^2"},
 }
 
 
@@ -89,6 +90,7 @@ def json_schema() -> dict[str, Any]:
         "machine": machine,
         "parameters": _map(_quantity(), {"not": {"enum": sorted(RESERVED_NAMES)}}),
         "tables": _map(_table(), {"not": {"enum": sorted(RESERVED_NAMES)}}),
+        "models": _map(_object(language.MODEL_KEYS), {"not": {"enum": sorted(RESERVED_NAMES)}}),
         "analog": _map({"oneOf": [_component(kind) for kind in CATALOG.values()]}, signal),
         "interface": _map({"oneOf": [_object(language.ADC_KEYS), _object(dac)]}, signal),
         "digital": _object(language.DIGITAL_KEYS),
@@ -217,6 +219,7 @@ def reference() -> str:
         ("interface, adc", language.ADC_KEYS),
         ("interface, dac", (*language.DAC_KEYS, *language.ERROR_KEYS)),
         ("tables", language.TABLE_KEYS),
+        ("models", language.MODEL_KEYS),
         ("digital", language.DIGITAL_KEYS),
         ("modes", language.MODES_KEYS),
         ("run", language.RUN_KEYS),

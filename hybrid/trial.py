@@ -68,7 +68,7 @@ def try_out(machine: Machine, longest_wall_s: float | None = None) -> Trial:
     limit_s = LONGEST_WALL_S if longest_wall_s is None else longest_wall_s
     machine = _without_noise(machine)
     signals = machine.analog.signals
-    most_cues = max(MOST_KEPT // len(signals), 2)
+    most_cues = max(MOST_KEPT // max(len(signals), 1), 2)
     pens = tuple(Pen(name, "analog", i, 1.0) for i, name in enumerate(signals))
     player = player_of(machine)(machine, build_timeline(machine), pens, 0, sys.maxsize)
     # Every row is looked at and forgotten, so that no length of run fills the memory.

@@ -5,6 +5,7 @@ from __future__ import annotations
 import functools
 from collections.abc import Iterable
 from enum import Enum
+from typing import TYPE_CHECKING
 
 from hybrid.errors import PatchError, Place, did_you_mean, quoted
 from hybrid.fields import Fields, FullScale, check_name, one_kind, only_keys, table_of
@@ -15,10 +16,14 @@ from hybrid.tables import Table as LookUpTable
 from hybrid.units import Dimension
 from hybrid.yamltree import Table
 
+if TYPE_CHECKING:
+    from hybrid.patchfile.models import ModelUse
+
 # More than any patch has; a file of more would take minutes to compile and gigabytes to run.
 MOST_ENTRIES = {
     "parameters": 5000,
     "tables": 1000,
+    "models": 1000,
     "analog": 1000,
     "interface": 1000,
     "program": 5000,
@@ -31,6 +36,7 @@ class Role(Enum):
 
     PARAMETER = "parameter"
     TABLE = "table"
+    MODEL = "model"
     COMPONENT = "analog signal"
     DAC = "DAC"
     ADC = "ADC"
@@ -41,6 +47,7 @@ class Role(Enum):
 _WAY_TO_ANALOG = {
     Role.PARAMETER: "a parameter becomes a signal through constant:",
     Role.TABLE: "the program asks it, and its word enters through a dac in the interface",
+    Role.MODEL: "the program reads it, and its word enters through a dac in the interface",
     Role.ADC: "what an ADC reads stays in the program; take the signal that it samples",
     Role.WORD: "a word enters the analog side through a dac in the interface",
 }
@@ -53,6 +60,7 @@ class Book:
         """Take down every name that `root` defines, in the order written."""
         self.root = root
         self.files = Files(root.place.file)
+        self.models: dict[str, ModelUse] = {}
         self.tables: dict[str, LookUpTable] = {}
         self.roles: dict[str, Role] = {}
         self.places: dict[str, Place] = {}
@@ -60,7 +68,7 @@ class Book:
         self.units: dict[str, str] = {}  # in which the parameters are written
         self.scales: dict[str, FullScale] = {}  # of analog signals, DACs and ADCs
         for section in root.entries:
-            if section in ("parameters", "tables", "analog", "interface"):
+            if section in ("parameters", "tables", "models", "analog", "interface"):
                 self._take_section(section)
             elif section == "digital":
                 self._take_words()
@@ -121,7 +129,8 @@ class Book:
     @property
     def signals(self) -> frozenset[str]:
         """All that can be recorded."""
-        return frozenset(self.roles) - frozenset(self.named(Role.PARAMETER, Role.TABLE))
+        kept = self.named(Role.PARAMETER, Role.TABLE, Role.MODEL)
+        return frozenset(self.roles) - frozenset(kept)
 
     def require_analog(self, name: str, doing: str, place: Place) -> None:
         """Refuse a cord from anything but an analog signal; `doing` begins the message."""
@@ -139,7 +148,7 @@ class Book:
                 table = table_of(tree, f"converter {quoted(name)}")
                 role = _converter_role(name, table, place)
             else:
-                roles = {"parameters": Role.PARAMETER, "tables": Role.TABLE}
+                roles = {"parameters": Role.PARAMETER, "tables": Role.TABLE, "models": Role.MODEL}
                 role = roles.get(section, Role.COMPONENT)
             self._take(name, role, place)
 

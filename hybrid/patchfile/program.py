@@ -21,6 +21,7 @@ from hybrid.language import DIGITAL_KEYS
 from hybrid.parsing import parse
 from hybrid.patch import Assignment, Program, Value
 from hybrid.patchfile.book import Book, Role
+from hybrid.patchfile.models import check_input, model_names, model_words, refuse_model_name
 from hybrid.units import PURE, Dimension
 from hybrid.yamltree import Table, Text, Tree
 
@@ -35,8 +36,10 @@ def read_program(book: Book) -> Program | None:
     fields = book.fields(digital, "digital", DIGITAL_KEYS, book.root.places["digital"])
     values = fields.quantities(DIGITAL_KEYS)
     table = table_of(fields.tree("program"), "program", "word: arithmetic")
-    readable = frozenset(book.named(Role.PARAMETER, Role.ADC, Role.WORD))
+    readable = frozenset(book.named(Role.PARAMETER, Role.ADC, Role.WORD)) | model_names(book)
     written = {word: _assignment(book, word, tree, readable) for word, tree, _ in table}
+    read = frozenset[str]().union(*(names(entry.expr) for entry in written.values()))
+    written |= model_words(book, read, readable)
     order = _order(written)
     remember = _remember(book, digital, written)
     dimensions = _word_dimensions(book, written, order, remember)
@@ -79,6 +82,7 @@ def _assignment(book: Book, word: str, tree: Tree, readable: frozenset[str]) -> 
 
 def _refuse(book: Book, what: str, name: str, place: Place) -> None:
     """The program reads a name that it cannot read."""
+    refuse_model_name(book, what, name, place)
     if name in book.tables:
         axes = ", ".join(axis.name for axis in book.tables[name].axes)
         raise PatchError(f"{what}: {name!r} is a table; write {name}({axes})", place)
@@ -144,6 +148,7 @@ def _word_dimensions(
                 found = dimension_of(written[word].expr, scope)
             except ExpressionError as error:
                 raise PatchError(f"word {word!r}: {error}", written[word].place) from None
+            check_input(book, word, found)
             stated = remember[word][1] if word in remember else None
             if stated and not stated.is_pure and found not in (None, PURE, stated):
                 raise PatchError(

@@ -14,6 +14,7 @@ from hybrid.patchfile.analog import read_components, read_machine, read_time_sca
 from hybrid.patchfile.book import Book
 from hybrid.patchfile.cords import check_cords
 from hybrid.patchfile.interface import read_adcs, read_dacs
+from hybrid.patchfile.models import read_models
 from hybrid.patchfile.outcome import read_modes, read_readouts, read_record, read_run
 from hybrid.patchfile.parameters import read_parameters
 from hybrid.patchfile.program import read_program
@@ -88,6 +89,7 @@ def parse_patch(text: str, file: str = "<text>") -> Patch:
     book = Book(root)
     parameters = read_parameters(book)
     book.tables.update(read_tables(book))
+    read_models(book)
     machine = read_machine(book)
     components = read_components(book)
     dacs = read_dacs(book)

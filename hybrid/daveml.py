@@ -1,0 +1,303 @@
+"""DAVE-ML files (AIAA S-119): the variables of a model with their arithmetic and tables.
+
+Stage 2. Inside a model numbers are in the units of the file; `Variable.factor` is for the door. Read are
+variableDef with MathML, limits and initial values, breakpointDef, griddedTableDef and function, all
+linear; what else a function may be is refused. Everything else in a file tells its readers something.
+http://daveml.org/DTDs/2p0/Ref (DAVE-ML 2.0 reference).
+"""
+
+from __future__ import annotations
+
+import math
+import re
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+
+import numpy as np
+
+from hybrid.errors import PatchError, Place, did_you_mean, quoted
+from hybrid.expressions import Call, LookUp, Name, Node, Number, names
+from hybrid.graph import find_loop
+from hybrid.mathml import read_math
+from hybrid.tables import CLAMPS, CONTINUES, Axis, Table, TableError, check_points, check_size
+from hybrid.xmltree import Element, read_xml
+
+_SEPARATORS = re.compile(r"[\s,;]+")
+# Which sides a table goes on beyond its range, by the attribute extrapolate.
+_SIDES = {
+    "neither": (False, False),
+    "min": (True, False),
+    "max": (False, True),
+    "both": (True, True),
+}
+
+
+@dataclass(frozen=True, slots=True)
+class Variable:
+    """One variable: `expr` is over the others, by `inside`; None for an input."""
+
+    id: str
+    name: str
+    units: str  # as the file says
+    expr: Node | None
+    is_output: bool
+    place: Place
+    limits: tuple[float, float] = (-math.inf, math.inf)
+
+
+@dataclass(frozen=True, slots=True)
+class Model:
+    """The variables of a file, by their id; `inside(id)` is how arithmetic names them."""
+
+    variables: Mapping[str, Variable]
+    prefix: str
+
+    def inside(self, id_: str) -> str:
+        """The name of a variable, in the units of the file, in arithmetic."""
+        return f"{self.prefix}:{id_}"
+
+    def find(self, word: str) -> Variable | None:
+        """A variable by its name or its id."""
+        named = (v for v in self.variables.values() if v.name == word)
+        return next(named, self.variables.get(word))
+
+    @property
+    def inputs(self) -> tuple[Variable, ...]:
+        """What must be given."""
+        return tuple(v for v in self.variables.values() if v.expr is None)
+
+    @property
+    def outputs(self) -> tuple[str, ...]:
+        """Names of what the file declares as its results."""
+        return tuple(v.name for v in self.variables.values() if v.is_output)
+
+
+def read_model(text: str, file: str, prefix: str) -> Model:
+    """The model in a DAVE-ML text; raises PatchError with the line of whatever is wrong."""
+    root = read_xml(text, file)
+    if root.tag != "DAVEfunc":
+        raise PatchError(f"<{root.tag}> is no DAVE-ML; the first element is <DAVEfunc>", root.place)
+    reader = _Reader(root, prefix)
+    model = Model({id_: reader.variable(e) for id_, e in reader.defined.items()}, prefix)
+    needs = {id_: _needs(v, model) for id_, v in model.variables.items()}
+    loop = find_loop(needs)
+    if loop:
+        path = " -> ".join((*loop, loop[0]))
+        raise PatchError(f"variables depend on each other: {path}", model.variables[loop[0]].place)
+    return model
+
+
+def _needs(variable: Variable, model: Model) -> list[str]:
+    """Ids of the variables that a variable is computed from."""
+    read = names(variable.expr) if variable.expr is not None else frozenset()
+    return sorted(name.removeprefix(model.inside("")) for name in read)
+
+
+def needed(model: Model, wanted: str) -> list[str]:
+    """Ids of a variable and of all that it is computed from."""
+    found, left = dict[str, None](), [wanted]
+    while left:
+        id_ = left.pop()
+        if id_ not in found:
+            found[id_] = None
+            left += _needs(model.variables[id_], model)
+    return list(found)
+
+
+class _Reader:
+    """Finds what elements refer to."""
+
+    def __init__(self, root: Element, prefix: str) -> None:
+        self.prefix = prefix
+        self.defined = _by_id(root, "variableDef", "varID")
+        if not self.defined:
+            raise PatchError("no <variableDef>; a model needs variables", root.place)
+        self.breakpoints = _by_id(root, "breakpointDef", "bpID")
+        self.tables = _by_id(root, "griddedTableDef", "gtID")
+        self.functions: dict[str, Element] = {}
+        for function in root.all("function"):
+            dependent = _only(function, "dependentVarRef", "dependentVarPts")
+            id_ = self.known(dependent.required("varID"), dependent)
+            if id_ in self.functions:
+                raise PatchError(f"a second function gives {quoted(id_)}", dependent.place)
+            self.functions[id_] = function
+
+    def known(self, id_: str, element: Element) -> str:
+        """The id of a variable that is defined."""
+        if id_ not in self.defined:
+            hint = did_you_mean(id_, self.defined)
+            raise PatchError(f"no variable has the varID {quoted(id_)}; {hint}", element.place)
+        return id_
+
+    def inside(self, id_: str, element: Element) -> str:
+        return f"{self.prefix}:{self.known(id_, element)}"
+
+    def variable(self, element: Element) -> Variable:
+        id_ = element.required("varID")
+        calculation = element.first("calculation")
+        limits = tuple(
+            _number(element, key, default)
+            for key, default in (("minValue", -math.inf), ("maxValue", math.inf))
+        )
+        if not limits[0] <= limits[1]:
+            raise PatchError("minValue is above maxValue", element.place)
+        expr: Node | None = None
+        if calculation is not None:
+            if id_ in self.functions:
+                raise PatchError(
+                    f"{quoted(id_)} has both a calculation and a function", element.place
+                )
+            expr = read_math(_only(calculation, "math"), self.inside)
+        elif id_ in self.functions:
+            expr = self.function(self.functions[id_], id_)
+        elif element.first("isInput") is None and "initialValue" in element.attributes:
+            expr = Number(_number(element, "initialValue", 0.0))
+        return Variable(
+            id_,
+            element.attributes.get("name", id_).strip(),
+            element.attributes.get("units", "nd").strip(),
+            limited(expr, *map(Number, limits)) if expr is not None else None,
+            element.first("isOutput") is not None,
+            element.place,
+            (limits[0], limits[1]),
+        )
+
+    def function(self, function: Element, id_: str) -> Node:
+        """A table at its variables."""
+        refs = list(function.all("independentVarRef"))
+        if refs:
+            table = self.gridded(function, refs, id_)
+        else:
+            refs = list(function.all("independentVarPts"))
+            table = self.listed(function, refs, id_)
+        return LookUp(table, tuple(Name(self.inside(r.required("varID"), r)) for r in refs))
+
+    def gridded(self, function: Element, refs: list[Element], id_: str) -> Table:
+        definition = _only(function, "functionDefn")
+        found = definition.first("griddedTableDef", "griddedTable", "griddedTableRef")
+        if found is None:
+            raise PatchError(
+                "<functionDefn> has no gridded table; other tables are not read", definition.place
+            )
+        if found.tag == "griddedTableRef":
+            found = _referred(found, "gtID", self.tables)
+        points = [
+            _numbers(_only(_referred(ref, "bpID", self.breakpoints), "bpVals"))
+            for ref in _only(found, "breakpointRefs").all("bpRef")
+        ]
+        if len(points) != len(refs):
+            raise PatchError(
+                f"a table of {len(points)} variables, but a function of {len(refs)}", function.place
+            )
+        data = _only(found, "dataTable")
+        return self.table(id_, refs, points, _numbers(data), data)
+
+    def listed(self, function: Element, refs: list[Element], id_: str) -> Table:
+        """The short form: pairs of points in the function itself."""
+        if len(refs) != 1:
+            raise PatchError(
+                "<function> needs an independentVarRef or one independentVarPts", function.place
+            )
+        data = _only(function, "dependentVarPts")
+        return self.table(id_, refs, [_numbers(refs[0])], _numbers(data), data)
+
+    def table(
+        self,
+        id_: str,
+        refs: list[Element],
+        points: list[list[float]],
+        values: list[float],
+        data: Element,
+    ) -> Table:
+        axes = tuple(_axis(ref, p) for ref, p in zip(refs, points, strict=True))
+        shape = [len(p) for p in points]
+        _checked(lambda: check_size(shape), data)
+        if len(values) != math.prod(shape):
+            due = " x ".join(map(str, shape))
+            raise PatchError(
+                f"the table has {len(values)} values; its breakpoints ask for {due}", data.place
+            )
+        return Table(f"{self.prefix}:{id_}", axes, np.array(values).reshape(shape))
+
+
+def limited(expr: Node, low: Number, high: Number) -> Node:
+    """An expression kept within limits, of which either may be infinite."""
+    if low.value > -math.inf:
+        expr = Call("max", (expr, low))
+    return Call("min", (expr, high)) if high.value < math.inf else expr
+
+
+def _axis(ref: Element, points: list[float]) -> Axis:
+    """A variable of a table: held at the nearer limit beyond its range, or continued where declared."""
+    name = ref.required("varID")
+    _checked(lambda: check_points(name, points), ref)
+    how = ref.attributes.get("interpolate", "linear")
+    if how != "linear":
+        raise PatchError(f"interpolate is {quoted(how)}; only 'linear' is read", ref.place)
+    sides = ref.attributes.get("extrapolate", "neither")
+    if sides not in _SIDES:
+        raise PatchError(
+            f"extrapolate is {quoted(sides)}; {did_you_mean(sides, _SIDES)}", ref.place
+        )
+    low = max(_number(ref, "min", -math.inf), points[0])
+    high = min(_number(ref, "max", math.inf), points[-1])
+    if not low < high:
+        raise PatchError("min and max leave no range between the breakpoints", ref.place)
+    below, above = (CONTINUES if goes_on else CLAMPS for goes_on in _SIDES[sides])
+    return Axis(name, np.array(points), (low, high), below, above)
+
+
+def _by_id(root: Element, tag: str, key: str) -> dict[str, Element]:
+    """The children of a tag by their id, which each has alone."""
+    found: dict[str, Element] = {}
+    for element in root.all(tag):
+        id_ = element.required(key)
+        if id_ in found:
+            raise PatchError(f"the {key} {quoted(id_)} comes twice", element.place)
+        found[id_] = element
+    return found
+
+
+def _referred(ref: Element, key: str, known: Mapping[str, Element]) -> Element:
+    id_ = ref.required(key)
+    if id_ not in known:
+        raise PatchError(
+            f"nothing has the {key} {quoted(id_)}; {did_you_mean(id_, known)}", ref.place
+        )
+    return known[id_]
+
+
+def _only(element: Element, *tags: str) -> Element:
+    found = element.first(*tags)
+    if found is None:
+        raise PatchError(f"<{element.tag}> has no <{tags[0]}>; add one", element.place)
+    return found
+
+
+def _number(element: Element, key: str, default: float) -> float:
+    """A number in an attribute."""
+    text = element.attributes.get(key)
+    return default if text is None else _float(text.strip(), element, key)
+
+
+def _numbers(element: Element) -> list[float]:
+    """Numbers between commas and spaces; a comma may end them."""
+    words = [word for word in _SEPARATORS.split(element.text) if word]
+    return [_float(word, element, f"<{element.tag}>") for word in words]
+
+
+def _float(text: str, element: Element, what: str) -> float:
+    try:
+        value = float(text)
+    except ValueError:
+        value = math.nan
+    if not math.isfinite(value) or "_" in text:
+        raise PatchError(f"{what} holds {quoted(text)}, which is no number", element.place)
+    return value
+
+
+def _checked(check: Callable[[], None], element: Element) -> None:
+    try:
+        check()
+    except TableError as error:
+        raise PatchError(str(error), element.place) from None

@@ -1,0 +1,152 @@
+"""MathML content markup -> arithmetic of our own nodes.
+
+Stage 2. What DAVE-ML files use of MathML 2: constants, variables, elementary functions, comparisons,
+logic and choices, and the csymbol atan2.
+"""
+
+from __future__ import annotations
+
+import functools
+import math
+from collections.abc import Callable
+
+from hybrid.errors import PatchError, did_you_mean, quoted
+from hybrid.expressions import Binary, BinaryOp, Call, Name, Node, Number, Unary
+from hybrid.xmltree import Element
+
+_CHAINS: dict[str, BinaryOp] = {"plus": "+", "times": "*", "and": "and", "or": "or"}
+_COMPARISONS: dict[str, BinaryOp] = {
+    "lt": "<",
+    "leq": "<=",
+    "gt": ">",
+    "geq": ">=",
+    "eq": "==",
+    "neq": "!=",
+}
+_FUNCTIONS = {"abs": "abs", "exp": "exp", "ln": "log", "floor": "floor", "ceiling": "ceil"}
+_FUNCTIONS |= {name: name for name in ("sin", "cos", "tan", "sinh", "cosh", "tanh")}
+_FUNCTIONS |= {f"arc{name}": f"a{name}" for name in ("sin", "cos", "tan", "sinh", "cosh", "tanh")}
+_INVERSE = {"sec": "cos", "csc": "sin", "cot": "tan"}
+_CONSTANTS = {"pi": math.pi, "exponentiale": math.e, "true": 1.0, "false": 0.0}
+_OTHERS = ("minus", "divide", "power", "root", "log", "not", "min", "max", "piecewise", "csymbol")
+_KNOWN = (*_CHAINS, *_COMPARISONS, *_FUNCTIONS, *_INVERSE, *_OTHERS)
+
+Named = Callable[[str, Element], str]
+
+
+def read_math(math_element: Element, named: Named) -> Node:
+    """The expression in a <math> element; `named` gives the name of a variable, or refuses it."""
+    if len(math_element.children) != 1:
+        raise PatchError("<math> must hold one expression", math_element.place)
+    return _read(math_element.children[0], named)
+
+
+def _read(element: Element, named: Named) -> Node:
+    tag = element.tag
+    if tag == "cn":
+        return Number(_number(element))
+    if tag == "ci":
+        return Name(named(element.text.strip(), element))
+    if tag in _CONSTANTS:
+        return Number(_CONSTANTS[tag])
+    if tag == "piecewise":
+        return _piecewise(element, named)
+    if tag == "apply":
+        return _apply(element, named)
+    raise PatchError(f"<{tag}> cannot be computed; {did_you_mean(tag, _KNOWN)}", element.place)
+
+
+def _number(element: Element) -> float:
+    kind = element.attributes.get("type", "real")
+    text = element.text.strip()
+    if (
+        kind == "e-notation"
+    ):  # <cn type="e-notation">1.5<sep/>3</cn>, whose parts the text runs together
+        raise PatchError("a <cn> of type e-notation is not read; write 1.5e3", element.place)
+    try:
+        value = float(text)
+    except ValueError:
+        value = math.nan
+    if not math.isfinite(value) or kind not in ("real", "integer", "double") or "_" in text:
+        raise PatchError(f"<cn> holds {quoted(text)}; it must be a number", element.place)
+    return value
+
+
+def _piecewise(element: Element, named: Named) -> Node:
+    otherwise = element.first("otherwise")
+    pieces = list(element.all("piece"))
+    if otherwise is None or len(otherwise.children) != 1 or not pieces:
+        raise PatchError("<piecewise> needs <piece>s and one <otherwise>", element.place)
+    result = _read(otherwise.children[0], named)
+    for piece in reversed(pieces):
+        if len(piece.children) != 2:
+            raise PatchError("<piece> needs a value and a condition", piece.place)
+        value, condition = (_read(child, named) for child in piece.children)
+        result = Call("select", (condition, value, result))
+    return result
+
+
+def _apply(element: Element, named: Named) -> Node:
+    if not element.children:
+        raise PatchError("<apply> is empty", element.place)
+    head, rest = element.children[0], element.children[1:]
+    if head.tag in ("piecewise", "apply", "cn", "ci") and not rest:
+        return _read(head, named)  # <apply> around what needs none
+    qualifiers = {child.tag: child for child in rest if child.tag in ("degree", "logbase")}
+    values = [_read(child, named) for child in rest if child.tag not in qualifiers]
+
+    def count(fewest: int, most: int | None = None) -> None:
+        if len(values) < fewest or (most is not None and len(values) > most):
+            due = (
+                f"{fewest}" if most == fewest else f"{fewest} or more" if most is None else "1 or 2"
+            )
+            raise PatchError(
+                f"<{head.tag}/> has {len(values)} operands; it needs {due}", head.place
+            )
+
+    tag = head.tag
+    if tag in _CHAINS:
+        count(1)
+        return functools.reduce(lambda a, b: Binary(_CHAINS[tag], a, b), values)
+    if tag in _COMPARISONS:
+        count(2, 2)
+        return Binary(_COMPARISONS[tag], values[0], values[1])
+    if tag in ("min", "max"):
+        count(1)
+        return functools.reduce(lambda a, b: Call(tag, (a, b)), values)
+    if tag == "minus":
+        count(1, 2)
+        return Binary("-", values[0], values[1]) if len(values) == 2 else _negative(values[0])
+    if tag in ("divide", "power"):
+        count(2, 2)
+        return Binary("/" if tag == "divide" else "**", values[0], values[1])
+    if tag == "csymbol" and "atan2" in (head.text + head.attributes.get("definitionURL", "")):
+        count(2, 2)
+        return Call("atan2", (values[0], values[1]))
+    count(1, 1)
+    return _of_one(head, values[0], qualifiers, named)
+
+
+def _of_one(head: Element, value: Node, qualifiers: dict[str, Element], named: Named) -> Node:
+    """A function of one argument, with the degree of a root or the base of a logarithm."""
+    tag = head.tag
+    inside = {name: _read(q.children[0], named) for name, q in qualifiers.items() if q.children}
+    if tag == "root":
+        if inside.get("degree", Number(2.0)) == Number(2.0):
+            return Call("sqrt", (value,))
+        return Binary("**", value, Binary("/", Number(1.0), inside["degree"]))
+    if tag == "log":
+        if inside.get("logbase", Number(10.0)) == Number(10.0):
+            return Call("log10", (value,))
+        return Binary("/", Call("log", (value,)), Call("log", (inside["logbase"],)))
+    if tag == "not":
+        return Unary("not", value)
+    if tag in _FUNCTIONS:
+        return Call(_FUNCTIONS[tag], (value,))
+    if tag in _INVERSE:
+        return Binary("/", Number(1.0), Call(_INVERSE[tag], (value,)))
+    raise PatchError(f"<{tag}/> cannot be computed; {did_you_mean(tag, _KNOWN)}", head.place)
+
+
+def _negative(value: Node) -> Node:
+    return Number(-value.value) if isinstance(value, Number) else Unary("-", value)

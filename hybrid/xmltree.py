@@ -1,0 +1,108 @@
+"""XML text -> a tree of elements that know their line; nothing that XML could do beyond that.
+
+Stage 1. Entities may not be declared, nothing outside the text is ever read (a DOCTYPE may name a DTD),
+and size and depth are limited, so that no small file can unfold into a huge one or read another.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass, field
+from xml.parsers import expat
+
+from hybrid.errors import PatchError, Place, quoted
+
+MOST_ELEMENTS = 500_000
+DEEPEST_NESTING = 100
+
+
+@dataclass(slots=True)
+class Element:
+    """One element: tag without its prefix, the text in it without comments, the line it begins in."""
+
+    tag: str
+    attributes: dict[str, str]
+    place: Place
+    children: list[Element] = field(default_factory=list)
+    text: str = ""
+
+    def all(self, tag: str) -> Iterator[Element]:
+        """The children of that tag."""
+        return (child for child in self.children if child.tag == tag)
+
+    def first(self, *tags: str) -> Element | None:
+        """The first child of one of these tags."""
+        return next((child for child in self.children if child.tag in tags), None)
+
+    def required(self, name: str) -> str:
+        """An attribute that must be there."""
+        value = self.attributes.get(name, "").strip()
+        if not value:
+            raise PatchError(f"<{self.tag}> has no {name}; give one", self.place)
+        return value
+
+
+def read_xml(text: str, file: str) -> Element:
+    """The root element; raises PatchError with the line of whatever is wrong."""
+    builder = _Builder(file)
+    try:
+        builder.parser.Parse(text.encode("utf-8", "replace"), True)
+    except expat.ExpatError as error:
+        reason = expat.ErrorString(error.code)
+        raise PatchError(f"not well-formed XML: {reason}", Place(file, error.lineno)) from None
+    assert builder.root is not None  # expat refuses a text without elements
+    return builder.root
+
+
+class _Builder:
+    """Makes the tree from the parser's events."""
+
+    def __init__(self, file: str) -> None:
+        self.file = file
+        self.root: Element | None = None
+        self.open: list[Element] = []
+        self.pieces: list[list[str]] = []
+        self.count = 0
+        self.parser = parser = expat.ParserCreate("UTF-8")
+        parser.buffer_text = True
+        parser.SetParamEntityParsing(expat.XML_PARAM_ENTITY_PARSING_NEVER)
+        parser.StartElementHandler = self.start
+        parser.EndElementHandler = self.end
+        parser.CharacterDataHandler = self.data
+        parser.EntityDeclHandler = self.refuse_entity
+        parser.SkippedEntityHandler = self.refuse_reference
+
+    @property
+    def place(self) -> Place:
+        return Place(self.file, self.parser.CurrentLineNumber)
+
+    def start(self, tag: str, attributes: dict[str, str]) -> None:
+        self.count += 1
+        if self.count > MOST_ELEMENTS or len(self.open) >= DEEPEST_NESTING:
+            most = f"{MOST_ELEMENTS} elements, nested {DEEPEST_NESTING} deep"
+            raise PatchError(f"too large; at most {most}, are read", self.place)
+        element = Element(tag.rpartition(":")[2], attributes, self.place)
+        if self.open:
+            self.open[-1].children.append(element)
+        else:
+            self.root = element
+        self.open.append(element)
+        self.pieces.append([])
+
+    def end(self, _tag: str) -> None:
+        self.open.pop().text = "".join(self.pieces.pop())
+
+    def data(self, text: str) -> None:
+        self.pieces[-1].append(text)
+
+    def refuse_entity(self, name: str, *_: object) -> None:
+        raise PatchError(
+            f"declares the entity {quoted(name)}; entities are not read, write their text itself",
+            self.place,
+        )
+
+    def refuse_reference(self, name: str, *_: object) -> None:
+        raise PatchError(
+            f"uses the entity {quoted(name)}; entities are not read, write its text itself",
+            self.place,
+        )

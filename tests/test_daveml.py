@@ -1,0 +1,374 @@
+"""DAVE-ML models in patches: published check shots, arithmetic, and files that are wrong or hostile."""
+
+import csv
+import json
+import math
+
+import numpy as np
+import pytest
+
+from hybrid.compiler import compile_patch
+from hybrid.daveml import read_model
+from hybrid.errors import PatchError
+from hybrid.patchfile import parse_patch, read_patch
+from hybrid.runs import run
+from hybrid.s119 import unit_text
+from hybrid.tape import Op
+from hybrid.units import unit_of
+
+EPS = np.finfo(float).eps
+UNITS = {"trueAirspeed": "ft/s", "powerLeverAngle": "percent", "altitudeMSL": "ft", "mach": ""}
+UNITS |= {f"bodyAngularRate_{axis}": "rad/s" for axis in ("Roll", "Pitch", "Yaw")}
+LBF, FT = 4.4482216152605, 0.3048
+
+
+def shots(file):
+    with file.open(encoding="utf-8") as stream:
+        return list(csv.DictReader(stream))
+
+
+def shot_patch(model, row):
+    """A patch that puts a shot's inputs to the model and reads all outputs the shot tells."""
+    given = {name[3:]: row[name] for name in row if name.startswith("in_")}
+    outputs = [name[4:] for name in row if name.startswith("out_")]
+    parameters = "".join(f"  in_{n}: {v} {UNITS.get(n, 'deg')}\n" for n, v in given.items())
+    inputs = ", ".join(f"{name}: in_{name}" for name in given)
+    program = "".join(f"    out_{name}: model.{name}\n" for name in outputs)
+    text = f"""
+title: {row["shot"]!r}
+parameters:
+{parameters}models:
+  model: {{file: {model}, inputs: {{{inputs}}}}}
+digital:
+  period: 1 s
+  program:
+{program}run: {{until: 1 s}}
+"""
+    return parse_patch(text), outputs
+
+
+# Published tolerances: 1e-6 (aerodynamics), 1e-5 (propulsion); of the thrust, as a share of it: the one
+# shot between breakpoints is printed as 5319.3491 lbf, where its tables give 5319.348667 by hand.
+@pytest.mark.parametrize(("name", "tolerance", "count"), [("aero", 1e-6, 8), ("prop", 1e-5, 5)])
+def test_the_published_check_shots_of_the_f16(reference, name, tolerance, count):
+    table = shots(reference(f"f16_table_shots/F16_{name}_shots.csv"))
+    assert len(table) == count
+    for row in table:
+        patch, outputs = shot_patch(reference(f"models/F16_{name}.dml"), row)
+        record = run(patch).record
+        for output in outputs:
+            unit = {"referenceWingChord": FT, "referenceWingSpan": FT, "referenceWingArea": FT**2}
+            scale = unit.get(output, 1.0)
+            if output.startswith("thrust"):
+                scale = LBF * (FT if "Moment" in output else 1.0)
+            found = record[f"out_{output}"].values[-1] / scale
+            expected = float(row[f"out_{output}"])
+            assert abs(found - expected) <= tolerance * max(1.0, abs(expected)), (
+                row["shot"],
+                output,
+            )
+
+
+def test_each_table_of_a_model_is_asked_once_a_cycle(reference):
+    table = shots(reference("f16_table_shots/F16_aero_shots.csv"))
+    patch, _ = shot_patch(reference("models/F16_aero.dml"), table[0])
+    tape = compile_patch(patch).tape
+    asked = [site.word for site in tape.sites]
+    # The file has 18 functions; the six coefficients need all of them.
+    assert len(asked) == len(set(asked)) == 18
+    assert sum(tape.code[:, 0] == Op.LOOK_UP) == 18
+
+
+def test_every_reference_model_is_read(reference):
+    for file in sorted(reference("models").glob("*.dml")):
+        model = read_model(file.read_text(encoding="utf-8"), file.name, "m")
+        assert model.outputs
+        for variable in model.variables.values():
+            if variable.is_output and "kgm" not in variable.units:
+                assert unit_text(variable.units) is not None, (file.name, variable)
+
+
+# --- a model of our own ---------------------------------------------------------------------------
+
+MODEL = """\
+<?xml version="1.0"?>
+<!DOCTYPE DAVEfunc PUBLIC "-//AIAA//DTD for Flight Dynamic Models - Functions 2.0//EN"
+  "http://www.daveml.org/DTDs/2p0/DAVEfunc.dtd">
+<DAVEfunc xmlns="http://daveml.org/2010/DAVEML">
+  <fileHeader><creationDate date="2020-01-01"/></fileHeader>
+  <variableDef name="angleOfAttack" varID="alpha" units="deg"><isInput/></variableDef>
+  <variableDef name="speed" varID="v" units="ft_s" minValue="10"><isInput/></variableDef>
+  <variableDef name="span" varID="b" units="ft" initialValue="30."><isOutput/></variableDef>
+  <variableDef name="lift" varID="cl" units="nd"/>
+  <variableDef name="twist" varID="twist" units="deg" maxValue="3">
+    <calculation><math xmlns="http://www.w3.org/1998/Math/MathML">
+      <apply><times/><cn>0.5</cn><ci>alpha</ci></apply>
+    </math></calculation>
+    <isOutput/>
+  </variableDef>
+  <variableDef name="force" varID="f" units="lbf">
+    <calculation><math xmlns="http://www.w3.org/1998/Math/MathML">
+      <apply><times/><ci> cl </ci><ci>v</ci><ci>b</ci></apply>
+    </math></calculation>
+    <isOutput/>
+  </variableDef>
+  <breakpointDef bpID="A" units="deg"><bpVals>-10, 0, <!-- a comment --> 20</bpVals></breakpointDef>
+  <breakpointDef bpID="V"><bpVals>0 100</bpVals></breakpointDef>
+  <function name="lift">
+    <independentVarRef varID="v" extrapolate="max"/>
+    <independentVarRef varID="alpha" min="-5" max="20" extrapolate="neither"/>
+    <dependentVarRef varID="cl"/>
+    <functionDefn>
+      <griddedTableDef>
+        <breakpointRefs><bpRef bpID="V"/><bpRef bpID="A"/></breakpointRefs>
+        <dataTable>
+          -1.0, 0.0, <!-- between the numbers --> 2.0,
+          -2.0, 0.0, 4.0,
+        </dataTable>
+      </griddedTableDef>
+    </functionDefn>
+  </function>
+</DAVEfunc>
+"""
+
+PATCH = """\
+title: Model
+parameters: {alpha: 5 deg, v: 50 ft/s}
+models:
+  wing:
+    file: wing.dml
+    inputs: {angleOfAttack: alpha * 1, v: v}
+digital:
+  period: 1 s
+  program:
+    force: wing.force
+    twist: wing.twist + wing.alpha
+    span: wing.span
+    rate: wing.force / span
+run: {until: 2 s}
+"""
+
+
+@pytest.fixture
+def flown(tmp_path):
+    """Run a patch with a model beside it."""
+
+    def fly(model=MODEL, patch=PATCH, **parameters):
+        (tmp_path / "wing.dml").write_text(model, encoding="utf-8")
+        (tmp_path / "a.yaml").write_text(patch, encoding="utf-8")
+        return run(read_patch(tmp_path / "a.yaml"), parameters)
+
+    return fly
+
+
+def test_a_model_computes_in_its_units_and_the_program_in_si(flown):
+    made = flown()
+    last = {name: made.record[name].values[-1] for name in ("force", "twist", "span", "rate")}
+    # cl at 50 ft/s and 5 deg: half way between 0.5 and 1.0; f = cl v b lbf.
+    assert last["force"] == pytest.approx(0.75 * 50 * 30 * LBF, rel=16 * EPS)
+    assert last["twist"] == pytest.approx(math.radians(2.5 + 5.0), rel=16 * EPS)
+    assert last["span"] == pytest.approx(30 * FT, rel=2 * EPS)
+    assert last["rate"] == pytest.approx(0.75 * 50 * LBF / FT, rel=16 * EPS)
+    assert set(made.record.data_vars) == {"force", "twist", "span", "rate"}
+    assert made.outside == ()
+    assert list(json.loads(made.record.attrs["file_hashes"])) == ["wing.dml"]
+
+
+def test_limits_and_ranges_of_a_model(flown):
+    made = flown(alpha=math.radians(-8.0), v=0.3 * FT)
+    # v is kept at 10 ft/s by its minValue; alpha at -5 deg by the function's range.
+    cl = -0.5 * (1.0 + 0.1)
+    assert made.record["force"].values[-1] == pytest.approx(cl * 10 * 30 * LBF, rel=16 * EPS)
+    (told,) = made.outside
+    assert (told["function"], told["argument"], told["action"]) == ("wing:cl", "alpha", "clamped")
+    assert told["range"] == [-5.0, 20.0]
+    assert told["value"] == pytest.approx(-8.0, rel=4 * EPS)
+    made = flown(v=200 * FT)  # the table goes on beyond its highest speed
+    assert made.record["force"].values[-1] == pytest.approx(1.5 * 200 * 30 * LBF, rel=16 * EPS)
+    assert made.outside[0]["action"] == "continued"
+    made = flown(alpha=math.radians(10.0))
+    assert made.record["twist"].values[-1] == pytest.approx(math.radians(3.0 + 10.0), rel=16 * EPS)
+
+
+@pytest.mark.parametrize(
+    ("math_text", "expected"),
+    [
+        ("<apply><minus/><cn>3</cn></apply>", -3.0),
+        ("<apply><minus/><ci>alpha</ci><cn>3</cn></apply>", 2.0),
+        ("<apply><plus/><ci>alpha</ci><cn>1</cn><cn>1e1</cn></apply>", 16.0),
+        ("<apply><divide/><ci>alpha</ci><cn>4</cn></apply>", 1.25),
+        ("<apply><power/><ci>alpha</ci><cn>2</cn></apply>", 25.0),
+        ("<apply><root/><apply><times/><ci>alpha</ci><ci>alpha</ci></apply></apply>", 5.0),
+        ("<apply><root/><degree><cn>3</cn></degree><cn>8</cn></apply>", 2.0),
+        ("<apply><abs/><apply><minus/><ci>alpha</ci></apply></apply>", 5.0),
+        ("<apply><exp/><apply><ln/><ci>alpha</ci></apply></apply>", 5.0),
+        ("<apply><log/><cn>1000</cn></apply>", 3.0),
+        ("<apply><log/><logbase><cn>2</cn></logbase><cn>8</cn></apply>", 3.0),
+        ("<apply><arctan/><cn>1</cn></apply>", math.pi / 4),
+        ("<apply><sec/><cn>0</cn></apply>", 1.0),
+        ("<apply><csymbol definitionURL='http://daveml.org/function_spaces.html#atan2'>atan2</csymbol>"
+         "<cn>1</cn><cn>-1</cn></apply>", 0.75 * math.pi),
+        ("<apply><max/><ci>alpha</ci><cn>9</cn><cn>7</cn></apply>", 9.0),
+        ("<apply><floor/><cn>-1.5</cn></apply>", -2.0),
+        ("<apply><and/><apply><gt/><ci>alpha</ci><cn>1</cn></apply><true/></apply>", 1.0),
+        ("<apply><not/><apply><geq/><ci>alpha</ci><cn>5</cn></apply></apply>", 0.0),
+        ("<apply><times/><pi/><cn>2</cn></apply>", 2 * math.pi),
+        ("<piecewise><piece><cn>1</cn><apply><lt/><ci>alpha</ci><cn>2</cn></apply></piece>"
+         "<piece><cn>2</cn><apply><lt/><ci>alpha</ci><cn>7</cn></apply></piece>"
+         "<otherwise><cn>3</cn></otherwise></piecewise>", 2.0),
+        ("<apply><piecewise><piece><cn>1</cn><apply><eq/><ci>alpha</ci><cn>2</cn></apply></piece>"
+         "<otherwise><cn>4</cn></otherwise></piecewise></apply>", 4.0),
+    ],
+)  # fmt: skip
+def test_mathml(flown, math_text, expected):
+    old = "<apply><times/><ci> cl </ci><ci>v</ci><ci>b</ci></apply>"
+    assert old in MODEL
+    model = MODEL.replace(old, math_text)
+    found = flown(model).record["force"].values[-1] / LBF
+    assert found == pytest.approx(expected, rel=32 * EPS)
+
+
+def test_the_short_form_of_a_function(flown):
+    start, end = MODEL.index('  <function name="lift">'), MODEL.index("</DAVEfunc>")
+    short = """  <function name="lift">
+    <independentVarPts varID="alpha">-10, 0, 20</independentVarPts>
+    <dependentVarPts varID="cl">-1, 0, 2</dependentVarPts>
+  </function>
+"""
+    found = flown(MODEL[:start] + short + MODEL[end:]).record["force"].values[-1]
+    assert found == pytest.approx(0.5 * 50 * 30 * LBF, rel=16 * EPS)
+
+
+LAUGHS = '<!DOCTYPE DAVEfunc [<!ENTITY a "ha"><!ENTITY b "&a;&a;&a;&a;">]><DAVEfunc>&b;</DAVEfunc>'
+READS = '<!DOCTYPE DAVEfunc [<!ENTITY x SYSTEM "file:///etc/passwd">]><DAVEfunc>&x;</DAVEfunc>'
+PARAMETER = '<!DOCTYPE DAVEfunc [<!ENTITY % p SYSTEM "http://127.0.0.1/p.dtd"> %p;]><DAVEfunc/>'
+DEEP = "<DAVEfunc>" + "<a>" * 200 + "</a>" * 200 + "</DAVEfunc>"
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "line", "said"),
+    [
+        (MODEL, LAUGHS, 1, "declares the entity 'a'"),
+        (MODEL, READS, 1, "declares the entity 'x'"),
+        (MODEL, PARAMETER, 1, "declares the entity 'p'"),
+        (MODEL, DEEP, 1, "too large; at most 500000 elements, nested 100 deep"),
+        (MODEL, "<DAVEfunc>&nbsp;</DAVEfunc>", 1, "not well-formed XML: undefined entity"),
+        ("<fileHeader>", "<fileHeader>&alpha;", 5, "uses the entity 'alpha'"),
+        (MODEL, "", 1, "not well-formed XML: no element found"),
+        (MODEL, "<html/>", 1, "<html> is no DAVE-ML"),
+        (MODEL, "<DAVEfunc/>", 1, "no <variableDef>"),
+        ("</fileHeader>", "</fileheader>", 5, "not well-formed XML: mismatched tag"),
+        ("</DAVEfunc>\n", "", 38, "not well-formed XML: no element found"),
+        ('varID="b"', 'varID="v"', 8, "the varID 'v' comes twice"),
+        ('varID="b" ', "", 8, "<variableDef> has no varID"),
+        ('minValue="10"', 'minValue="ten"', 7, "minValue holds 'ten', which is no number"),
+        ('minValue="10"', 'minValue="10" maxValue="1"', 7, "minValue is above maxValue"),
+        ('initialValue="30."', 'initialValue="nan"', 8, "initialValue holds 'nan'"),
+        ('<bpRef bpID="A"/>', '<bpRef bpID="B"/>', 30, "nothing has the bpID 'B'; valid: A, V"),
+        ('<bpRef bpID="A"/>', "", 24, "a table of 1 variables, but a function of 2"),
+        ('<breakpointRefs><bpRef bpID="V"/><bpRef bpID="A"/></breakpointRefs>', "", 29, "has no <b"),
+        ("0 100</bpVals>", "100 100</bpVals>", 25, "of v must increase, but 100 comes after 100"),
+        ("0 100</bpVals>", "0</bpVals>", 25, "v has 1 breakpoint(s)"),
+        ("-2.0, 0.0, 4.0,", "-2.0, 0.0,", 31, "the table has 5 values; its breakpoints ask for 2 x 3"),
+        ("-2.0, 0.0, 4.0,", "-2.0, 0.0, four", 31, "<dataTable> holds 'four', which is no number"),
+        ("-2.0, 0.0, 4.0,", "-2.0, 0.0, inf", 31, "<dataTable> holds 'inf'"),
+        ('max="20"', 'max="-7"', 26, "min and max leave no range"),
+        ('extrapolate="max"', 'extrapolate="maximum"', 25, "is 'maximum'; did you mean 'max'"),
+        ('extrapolate="max"', 'interpolate="cubicSpline"', 25, "interpolate is 'cubicSpline'"),
+        ('<dependentVarRef varID="cl"/>', '<dependentVarRef varID="cd"/>', 27, "has the varID 'cd'"),
+        ('<dependentVarRef varID="cl"/>', '<dependentVarRef varID="f"/>', 16, "both a calculation"),
+        ("<ci>alpha</ci>", "<ci>alfa</ci>", 12, "'alfa'; did you mean 'alpha'"),
+        ("<ci>alpha</ci>", "<ci>f</ci><ci>twist</ci>", 10, "each other: twist -> twist"),
+        ("<cn>0.5</cn>", "<cn>half</cn>", 12, "<cn> holds 'half'; it must be a number"),
+        ("<cn>0.5</cn>", '<cn type="e-notation">5<sep/>-1</cn>', 12, "type e-notation is not read"),
+        ("<apply><times/><cn>0.5</cn>", "<apply><tims/><cn>0.5</cn>", 12, "<tims/> has 2 operands"),
+        ("<apply><times/><cn>0.5</cn>", "<apply><tims/>", 12, "<tims/> cannot be computed"),
+        ("<apply><times/><cn>0.5</cn>", "<apply><divide/>", 12, "<divide/> has 1 operands; it needs 2"),
+        ("<apply><times/><cn>0.5</cn>", "<vector/><apply><minus/>", 11, "must hold one expression"),
+        ('units="lbf"', 'units="pounds"', 16, "'force' is in unknown units 'pounds'; say in the patch"),
+    ],
+)  # fmt: skip
+def test_what_is_wrong_in_a_model_is_told_with_its_line(flown, old, new, line, said):
+    assert old in MODEL
+    with pytest.raises(PatchError) as caught:
+        flown(MODEL.replace(old, new, 1))
+    message = str(caught.value)
+    assert said in message
+    assert message.partition(": ")[0].endswith(f"wing.dml:{line}"), message
+    assert "\n" not in message
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "line", "said"),
+    [
+        ("file: wing.dml", "file: wings.dml", 5, "'wings.dml' cannot be read: No such file"),
+        ("    file: wing.dml\n", "", 4, "model 'wing' has no file"),
+        ("angleOfAttack: alpha * 1", "angleOfAtack: alpha", 6, "no variable 'angleOfAtack'"),
+        ("angleOfAttack: alpha * 1", "span: 1 ft", 6, "'b' is no input of "),
+        ("angleOfAttack: alpha * 1, v: v", "alpha: 1, angleOfAttack: 1, v: v", 6, "is given twice"),
+        ("angleOfAttack: alpha * 1, ", "", 4, "needs its input 'angleOfAttack'"),
+        ("v: v}\n", "v: alpha}\n", 6, "'alpha' [1] and '3.048 m/s' [m/s] must have"),
+        ("alpha * 1,", "v,", 6, "input 'angleOfAttack' of model 'wing' is connected to what is in m/s"),
+        ("v: v}\n", "v: w}\n", 6, "reads unknown 'w'"),
+        ("v: v}\n", "v: v +}\n", 6, "not arithmetic"),
+        ("v: v}\n", "v: wing}\n", 6, "'wing' is a model; read one of its outputs, such as wing.span"),
+        ("force: wing.force\n", "force: wing.forces\n", 10, "'forces'; did you mean 'force'"),
+        ("force: wing.force\n", "force: wings.force\n", 10, "reads unknown 'wings.force'"),
+        ("force: wing.force\n", "force: wing.force + v\n", 10, "must have the same units"),
+        ("force: wing.force\n", "force: wing.force(v)\n", 10, "is not arithmetic"),
+        ("    span: wing.span\n", "    wing: 1\n    span: 1\n", 12, "'wing' is defined twice"),
+        ("run:", "record: [wing.force]\nrun:", 14, "wing.force"),
+        ("    inputs:", "    units: {f: pound of}\n    inputs:", 6, "unit of 'force': cannot read"),
+        ("    inputs:", "    unit: {f: lbf}\n    inputs:", 6, "unknown key 'unit'"),
+    ],
+)  # fmt: skip
+def test_what_is_wrong_in_the_patch_is_told_with_its_line(flown, old, new, line, said):
+    assert old in PATCH
+    with pytest.raises(PatchError) as caught:
+        flown(patch=PATCH.replace(old, new, 1))
+    message = str(caught.value)
+    assert said in message
+    assert message.partition(": ")[0].endswith(f"a.yaml:{line}"), message
+    assert "\n" not in message
+
+
+def test_units_given_in_the_patch_replace_those_of_the_file(flown):
+    model = MODEL.replace('units="lbf"', 'units="pounds"')
+    patch = PATCH.replace("    inputs:", "    units: {force: lbf}\n    inputs:")
+    assert flown(model, patch).record["force"].values[-1] == pytest.approx(0.75 * 1500 * LBF)
+
+
+def test_a_model_reads_another_and_bare_numbers_are_in_si(flown):
+    patch = PATCH.replace(
+        "digital:", "  tip: {file: wing.dml, inputs: {alpha: wing.twist, v: 15.24}}\ndigital:"
+    ).replace("twist: wing.twist + wing.alpha", "twist: tip.force")
+    found = flown(patch=patch).record["twist"].values[-1]
+    assert found == pytest.approx(0.375 * 50 * 30 * LBF, rel=32 * EPS)
+
+
+@pytest.mark.parametrize(
+    ("text", "expected"),
+    [
+        ("nd", 1.0),
+        ("pct", 0.01),
+        ("ft_s", FT),
+        ("ft_s2", FT),
+        ("slugft2", 14.593902937206364 * FT**2),
+        ("ftlbf", FT * LBF),
+        ("lbf_ft2", LBF / FT**2),
+        ("_deg", 180 / math.pi),
+        ("deg_s", math.pi / 180),
+        ("rad_s", 1.0),
+        ("h_nmi", 3600 / 1852),
+        ("kgm2", 1.0),
+        ("psf", LBF / FT**2),
+        ("deg_deg", 1.0),
+    ],
+)
+def test_units_of_the_standard(text, expected):
+    assert unit_of(f"1 {unit_text(text)}".strip())[1] == pytest.approx(expected, rel=4 * EPS)
+
+
+@pytest.mark.parametrize("text", ["", "_", "furlong", "ft__s", "ft_", "degC", "lb", "nim_h"])
+def test_what_is_no_unit_of_the_standard(text):
+    assert unit_text(text) is None
