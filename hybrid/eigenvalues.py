@@ -60,13 +60,13 @@ def _balanced(matrix: Floats) -> Floats:
     Words are in SI units, states in machine units; a condition is worth nothing before that. The
     units are powers of two, so nothing is rounded (Parlett and Reinsch, Numer. Math. 13, 1969).
     """
-    others, unit = np.abs(matrix - np.diag(np.diag(matrix))), np.ones(len(matrix))
+    others, unit = np.abs(matrix), np.ones(len(matrix))
+    others.flat[:: len(matrix) + 1] = 0.0
     for _ in range(BALANCING_SWEEPS):
-        scaled = others * unit / unit[:, None]
-        rows, columns = scaled.sum(axis=1), scaled.sum(axis=0)
-        ratio = np.divide(rows, columns, out=np.ones_like(unit), where=(rows > 0) & (columns > 0))
-        powers = np.rint(0.5 * np.log2(ratio))
-        unit *= 2.0**powers
+        rows, columns = (others @ unit) / unit, ((1.0 / unit) @ others) * unit
+        powers = np.rint(0.5 * np.log2(rows / columns))
+        powers[~((rows > 0.0) & (columns > 0.0))] = 0.0
+        unit = np.ldexp(unit, powers.astype(int))
         if (np.abs(powers) <= 1.0).all():  # a further factor of two mends nothing
             break
     return matrix * unit / unit[:, None]
@@ -95,16 +95,19 @@ def _polish(matrix: Floats, values: Complex, vectors: Complex) -> Complex:
     count, n = vectors.shape
     pairs, at = np.arange(count), np.argmax(np.abs(vectors), axis=1)
     vectors = vectors / vectors[pairs, at][:, None]
-    first = values
+    first, diagonal = values, np.arange(n)
+    jacobian, right = (
+        np.zeros((count, n + 1, n + 1), dtype=complex),
+        np.zeros((count, n + 1, 1), complex),
+    )
+    jacobian[:, :n, :n] = matrix
+    jacobian[pairs, n, at] = 1.0
     for _ in range(3):
-        residual = vectors @ matrix.T - values[:, None] * vectors
-        jacobian = np.zeros((count, n + 1, n + 1), dtype=complex)
-        jacobian[:, :n, :n] = matrix - values[:, None, None] * np.eye(n)
+        right[:, :n, 0] = values[:, None] * vectors - vectors @ matrix.T
+        jacobian[:, diagonal, diagonal] = matrix.diagonal() - values[:, None]
         jacobian[:, :n, n] = -vectors
-        jacobian[pairs, n, at] = 1.0
-        right = np.concatenate([-residual, np.zeros((count, 1))], axis=1)
         try:
-            step = np.linalg.solve(jacobian, right[:, :, None])[:, :, 0]
+            step = np.linalg.solve(jacobian, right)[:, :, 0]
         except np.linalg.LinAlgError:
             return first
         # A step that is not small means a multiple eigenvalue: keep LAPACK's answer there.
