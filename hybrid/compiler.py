@@ -192,16 +192,17 @@ def _output_stage(
             part.place,
         )
     gain = 1.0 + figure("tolerance") * unit_error(serial, part.name, "gain")
+    offset = figure("offset") + figure("offset_limit") * unit_error(serial, part.name, "offset")
     if noise == 0 and isinstance(part, Component) and part.kind == "constant":
         tau = 0.0  # settled before the run and never moves again: its lag would cost and do nothing
     step_mu = _step_mu(part.bits, 1.0, preset) if isinstance(part, Dac) else 0.0
     return OutputStage(
-        tau, gain, figure("offset"), noise, figure("saturation"), step_mu, resolution
+        tau, gain, offset, noise, figure("saturation"), step_mu, resolution
     )
 
 
 def _error_figure(key: str, value: Value, scope: Mapping[str, float]) -> float:
-    """One of tau, tolerance, offset, noise as given, within what makes sense."""
+    """An error of a component as given, within what makes sense."""
     found = value.number(scope)
     if key == "tau" and 0.0 < found < 1.0 / TICKS_PER_SECOND:
         raise PatchError(

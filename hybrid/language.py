@@ -82,6 +82,13 @@ ERROR_KEYS = (
     ),
     Key("offset", Holds.QUANTITY, "constant error, a fraction of full scale", Unit.PURE),
     Key(
+        "offset_limit",
+        Holds.QUANTITY,
+        "limit of a further offset, a fraction of full scale, drawn once per machine serial number",
+        Unit.PURE,
+        Bound.NOT_NEGATIVE,
+    ),
+    Key(
         "noise",
         Holds.QUANTITY,
         "rms noise, a fraction of full scale, of bandwidth 1/tau",

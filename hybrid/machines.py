@@ -4,7 +4,7 @@ Stage 0. `nominal` and `howe_1964` are the machine of R. M. Howe, "Computers for
 Vehicle Systems", 1964: lags "the order of magnitude of 1 microsecond", precision "of the order of
 0.01 percent of full scale". The precision sets the gain tolerance and the noise. `nominal` stops
 there and so leaves linear patches linear. `howe_1964` goes on: multipliers of "approximately 0.05
-percent" (the paper, section 3), an offset of 2e-6 (not stated, but the 200 ft to which its orbits
+percent" (the paper, section 3), offsets up to 2e-6 (not stated, but the 200 ft to which its orbits
 close allow no more; chopper-stabilised amplifiers), and amplifiers that saturate at 1.1 (our
 estimate).
 
@@ -21,7 +21,7 @@ github.com/anabrid/the-analog-thing-docs, and the data sheets AD633 (Analog Devi
 - Multipliers AD633J: 2 % in all, 1 MHz, which is 0.16 us, and below 100 uV rms in 10 kHz, which
   over 1 MHz makes 1.25e-4 (data sheet; white noise is our assumption). Divider and square root are
   multipliers in a loop (documentation) and are given the same figures.
-- Offset of a TL074H typically 1 mV (data sheet), doubled by an amplifier of gain 1: 2e-4.
+- Offset of a TL074H typically 1 mV (data sheet), doubled by an amplifier of gain 1: up to 2e-4.
 - Our estimates: a lag of 1 us, 1 Mohm (parts list) times 1 pF of stray capacitance; noise 1e-5, the
   thermal noise of two such resistors over that bandwidth.
 """
@@ -42,7 +42,7 @@ class Preset:
     doc: str
     tau: float  # s, lag of every component
     tolerance: float  # limit of the gain error
-    offset: float
+    offset_limit: float
     noise: float  # rms
     converters_exact: bool  # no quantisation and no clipping in ADC and DAC
     saturation: float = math.inf  # full scales
@@ -51,11 +51,12 @@ class Preset:
     )  # what some kinds differ in
 
     def figure(self, key: str, kind: str = "") -> float:
-        """One of tau, tolerance, offset, noise, saturation by name, for a kind of component."""
+        """An error of a component by name, for a kind of component."""
         figures = {
             "tau": self.tau,
             "tolerance": self.tolerance,
-            "offset": self.offset,
+            "offset": 0.0,
+            "offset_limit": self.offset_limit,
             "noise": self.noise,
             "saturation": self.saturation,
         }
@@ -86,7 +87,7 @@ PRESETS: Mapping[str, Preset] = MappingProxyType(
                 "the paper's machine with its multipliers, offsets and overload",
                 tau=1e-6,
                 tolerance=1e-4,
-                offset=2e-6,
+                offset_limit=2e-6,
                 noise=1e-4,
                 converters_exact=False,
                 saturation=1.1,
@@ -97,7 +98,7 @@ PRESETS: Mapping[str, Preset] = MappingProxyType(
                 "THE ANALOG THING, a table-top machine of today",
                 tau=1e-6,
                 tolerance=2e-3,
-                offset=2e-4,
+                offset_limit=2e-4,
                 noise=1e-5,
                 converters_exact=False,
                 saturation=1.15,

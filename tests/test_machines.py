@@ -34,7 +34,7 @@ def stages(preset, serial=1, text=PATCH):
 def test_kinds_that_differ_are_kinds(preset):
     assert set(preset.kinds) <= {*CATALOG, "dac"}
     for figures in preset.kinds.values():
-        assert set(figures) <= {"tau", "tolerance", "offset", "noise", "saturation"}
+        assert set(figures) <= {"tau", "tolerance", "offset_limit", "noise", "saturation"}
 
 
 @pytest.mark.parametrize(
@@ -55,6 +55,27 @@ def test_gain_errors_fill_their_limits(preset, limits):
         assert 0.8 * limit < largest <= limit * (1 + 1e-9), name
 
 
+@pytest.mark.parametrize("preset", ["howe_1964", "analog_thing"])
+def test_offsets_are_drawn_for_each_component_and_machine(preset):
+    """Uniform within the limit: mean 0, variance limit^2 / 3, of 240 draws within 4 standard errors.
+
+    The variance of the square of a uniform draw of limit 1 is 1/5 - 1/9 = 4/45.
+    """
+    limit, names = PRESETS[preset].offset_limit, ("x", "pot", "mix", "held")
+    drawn = [stages(preset, serial)[name].offset / limit for serial in range(60) for name in names]
+    assert max(map(abs, drawn)) <= 1
+    count = len(drawn)
+    assert abs(sum(drawn)) / count < 4 * math.sqrt(1 / 3 / count)
+    assert abs(sum(x * x for x in drawn) / count - 1 / 3) < 4 * math.sqrt(4 / 45 / count)
+
+
+def test_a_fixed_offset_adds_to_the_one_that_is_drawn():
+    text = PATCH.replace("tolerance: 0, tau: 3 us", "offset: 0.01")
+    drawn = stages("howe_1964")["own"].offset
+    assert abs(drawn) < 2e-6
+    assert stages("howe_1964", text=text)["own"].offset == pytest.approx(0.01 + drawn, abs=1e-12)
+
+
 def test_the_table_top_machine_by_its_data_sheets():
     found = stages("analog_thing")
     multiplier, amplifier = found["product"], found["mix"]
@@ -63,7 +84,8 @@ def test_the_table_top_machine_by_its_data_sheets():
     assert multiplier.noise == pytest.approx(
         100e-6 * math.sqrt(math.pi / 2 * 1e6 / 10e3) / 10, rel=0.01
     )
-    assert amplifier.offset == pytest.approx(2 * 1e-3 / 10)  # TL074H: 1 mV, gain of 2 for it
+    limit = PRESETS["analog_thing"].offset_limit
+    assert limit == pytest.approx(2 * 1e-3 / 10)  # TL074H: 1 mV, gain of 2 for it
     # Two resistors of 1 Mohm at 300 K: 4 k T R each, over 1 / (4 tau), of 10 V.
     thermal_v = math.sqrt(2 * 4 * 1.380649e-23 * 300 * 1e6 / (4 * amplifier.tau))
     assert amplifier.noise == pytest.approx(thermal_v / 10, rel=0.2)
