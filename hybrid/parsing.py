@@ -249,6 +249,10 @@ class _Reader:
                 parts = [self._read(part, depth + 1) for part in (left, *others)]
                 pairs = zip(ops, parts, parts[1:], strict=False)
                 return _joined("and", [Binary(_OPERATORS[type(op)], a, b) for op, a, b in pairs])
+            case ast.Call(func=ast.Attribute() as func, args=args, keywords=[]) if (
+                name := _dotted(func)
+            ) in self._tables:
+                return self._call(node, name, tuple(self._read(a, depth + 1) for a in args))
             case ast.Call(func=ast.Name(id=name), args=args, keywords=[]):
                 return self._call(node, name, tuple(self._read(a, depth + 1) for a in args))
         text = shown(self._source[node.col_offset : node.end_col_offset])

@@ -59,7 +59,7 @@ class Book:
     def __init__(self, root: Table) -> None:
         """Take down every name that `root` defines, in the order written."""
         self.root = root
-        self.files = Files(root.place.file)
+        self.files = Files()
         self.models: dict[str, ModelUse] = {}
         self.tables: dict[str, LookUpTable] = {}
         self.roles: dict[str, Role] = {}

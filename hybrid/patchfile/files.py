@@ -1,7 +1,7 @@
 """Files that a patch names: where they are, and their text.
 
-A path is relative to the folder of the patch. $NAME and ${NAME} stand for a variable of the environment,
-${NAME:-text} for the text where there is no such variable.
+A path is relative to the folder of the file that names it. $NAME and ${NAME} stand for a variable of the
+environment, ${NAME:-text} for the text where there is no such variable.
 """
 
 from __future__ import annotations
@@ -23,15 +23,15 @@ _VARIABLE = re.compile(
 class Files:
     """The files of one patch, with the hash of every one that was read."""
 
-    def __init__(self, patch_file: str) -> None:
-        self.folder = Path(patch_file).parent
+    def __init__(self) -> None:
         self.hashes: dict[str, str] = {}  # by the path as written
 
     def read(self, path: Text, what: str) -> tuple[str, str]:
         """Name for messages and text of a file; raises PatchError where it cannot be read."""
         name = self._expanded(path, what)
+        file_path = Path(path.place.file).parent / name
         try:
-            with (self.folder / name).open("rb") as file:
+            with file_path.open("rb") as file:
                 content = file.read(LARGEST_FILE + 1)
         except (OSError, ValueError) as error:
             reason = getattr(error, "strerror", None) or "no file has such a name"
@@ -45,7 +45,7 @@ class Files:
                 path.place,
             )
         self.hashes[path.text] = hashlib.sha256(content).hexdigest()
-        shown = one_line(str(self.folder / name))
+        shown = one_line(str(file_path))
         try:
             return shown, content.decode("utf-8-sig")
         except UnicodeDecodeError as error:

@@ -102,26 +102,27 @@ def model_names(book: Book) -> frozenset[str]:
 
 def refuse_model_name(book: Book, what: str, name: str, place: Place) -> None:
     """Raise PatchError where a name that cannot be read is meant to be one of a model."""
-    model, dot, word = name.partition(".")
+    if name in book.models:
+        output = next(iter(book.models[name].model.outputs), "output")
+        raise PatchError(
+            f"{what}: {name!r} is a model; read one of its outputs, such as {name}.{output}", place
+        )
+    model, _, word = name.rpartition(".")
     if model not in book.models:
         return
-    outputs = book.models[model].model.outputs
-    hint = did_you_mean(word, outputs)
-    if not dot:
-        hint = f"read one of its outputs, such as {model}.{outputs[0]}" if outputs else hint
-        raise PatchError(f"{what}: {name!r} is a model; {hint}", place)
+    hint = did_you_mean(word, book.models[model].model.outputs)
     raise PatchError(f"{what}: the model {model} has no variable {quoted(word)}; {hint}", place)
 
 
 def model_words(book: Book, read: Iterable[str], readable: frozenset[str]) -> dict[str, Assignment]:
     """The words that compute what the program reads of models, and what these read in turn."""
     found: dict[str, Assignment] = {}
-    left = sorted(name for name in read if name.partition(".")[0] in book.models)
+    left = sorted(name for name in read if name.rpartition(".")[0] in book.models)
     while left:
         name = left.pop()
         if name in found:
             continue
-        model, _, word = name.partition(".")
+        model, _, word = name.rpartition(".")
         use = book.models[model]
         wanted = use.model.find(word)
         assert wanted is not None  # it is readable
@@ -136,7 +137,7 @@ def model_words(book: Book, read: Iterable[str], readable: frozenset[str]) -> di
             place = variable.place
             if variable.expr is None:
                 expr, place = _connected(book, use, variable, readable)
-                left += [n for n in sorted(names(expr)) if n.partition(".")[0] in book.models]
+                left += [n for n in sorted(names(expr)) if n.rpartition(".")[0] in book.models]
             else:
                 expr = variable.expr
             found[at] = Assignment(at, expr, place, hidden=True)
