@@ -15,15 +15,19 @@ LONGEST_QUOTE = 60
 
 @dataclass(frozen=True, slots=True)
 class Place:
-    """Where in a patch file something stands: file name and line (1-based, 0 when unknown)."""
+    """Where in a patch file something stands: file name and line (1-based, 0 when unknown).
+
+    What stands in a sub-patch stands also where that is used, as the part of some name.
+    """
 
     file: str = ""
     line: int = 0
+    part: str = ""
+    used: Place | None = None
 
     def __str__(self) -> str:
-        if self.file and self.line:
-            return f"{self.file}:{self.line}"
-        return self.file
+        plain = f"{self.file}:{self.line}" if self.file and self.line else self.file
+        return f"{plain} (part {self.part} of {self.used})" if self.used else plain
 
 
 NOWHERE = Place()

@@ -31,6 +31,8 @@ Scope = Mapping[str, Dimension | None]
 
 LONGEST_NAME = 64
 NAME = rf"^[A-Za-z_][A-Za-z0-9_]{{0,{LONGEST_NAME - 1}}}$"  # a JSON Schema reads it too
+# A name as it is read: of something in a part, "rotation.rate", too.
+SIGNAL_NAME = rf"{NAME[:-1]}(\.[A-Za-z_][A-Za-z0-9_]{{0,{LONGEST_NAME - 1}}})*$"
 # Least and largest value of every key that holds an integer.
 RANGES: Mapping[str, tuple[int, int]] = {
     "bits": (2, 32),

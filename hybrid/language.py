@@ -7,7 +7,7 @@ Stage 1: imports nothing of the project.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from enum import Enum
 
 
@@ -285,12 +285,44 @@ TIME_SCALE = Key(
     default="1",
 )
 
+# A sub-patch is a file with these keys, or a definition.
+DEFINITION_KEYS = (
+    Key("description", Holds.TEXT, "what it is about"),
+    Key(
+        "inputs",
+        Holds.TERMS,
+        "name: a component (an analog input) or arithmetic (a word); gives the unit, and stands in for "
+        "the input where the sub-patch is run by itself",
+    ),
+    Key("outputs", Holds.SIGNALS, "what may be read outside", default="all its own signals"),
+    Key("parameters", Holds.TERMS, "name: quantity, unless it is set where the sub-patch is used"),
+    Key("tables", Holds.TERMS, "name: look-up table"),
+    Key("models", Holds.TERMS, "name: DAVE-ML model"),
+    Key("analog", Holds.TERMS, "signal: component"),
+    Key("interface", Holds.TERMS, "signal: adc or dac"),
+    Key("digital", Holds.TERMS, "words: program and remember"),
+    Key("parts", Holds.TERMS, "name: sub-patch"),
+)
+
+PART_DIGITAL_KEYS = tuple(
+    replace(key, required=False) for key in DIGITAL_KEYS if key.name in ("remember", "program")
+)
+
+PART_KEYS = (
+    Key("file", Holds.TEXT, "the sub-patch's file, as seen from this one; or one that ships"),
+    Key("use", Holds.TEXT, "a definition of this file (or of `file`) by name"),
+    Key("inputs", Holds.TERMS, "input: signal; arithmetic, where the input is a word"),
+    Key("parameters", Holds.TERMS, "parameter: quantity"),
+)
+
 TOP_KEYS = (
     Key("title", Holds.TEXT, "one line", required=True),
     Key("description", Holds.TEXT, "what the patch is about, where its figures come from"),
     Key("machine", Holds.TEXT, "preset name, or a mapping of the machine's keys"),
     TIME_SCALE,
     Key("parameters", Holds.TERMS, "name: quantity; may be set from the command line"),
+    *(key for key in DEFINITION_KEYS if key.name in ("inputs", "outputs", "parts")),
+    Key("definitions", Holds.TERMS, "name: sub-patch, for parts of this file"),
     Key("tables", Holds.TERMS, "name: look-up table, a function of the program"),
     Key(
         "models", Holds.TERMS, "name: DAVE-ML model, whose outputs the program reads as name.output"

@@ -1,10 +1,10 @@
 """Reading arithmetic: the text of a patch file becomes a tree, never code.
 
-Valid are numbers, names (ASCII letters, digits, underscore), + - * / ** and parentheses, comparisons,
-`and`, `or`, `not`, the constant pi and the functions in `expressions.FUNCTIONS`. `^` means power, as on
-paper; a < b < c means a < b and b < c. A number with
-a unit ("1 ms") stands alone and becomes a `Number` in SI units. Python's parser reads the text;
-nothing is ever evaluated by Python.
+Valid are numbers, names (ASCII letters, digits, underscore; a dot between a part and what is in it),
++ - * / ** and parentheses, comparisons, `and`, `or`, `not`, the constant pi and the functions in
+`expressions.FUNCTIONS`. `^` means power, as on paper; a < b < c means a < b and b < c. A number with a
+unit ("1 ms") stands alone and becomes a `Number` in SI units. Python's parser reads the text; nothing
+is ever evaluated by Python.
 """
 
 from __future__ import annotations
@@ -75,6 +75,8 @@ _EQUALS = re.compile(r"(?<![<>=!])=(?!=)")
 _LOGIC_WORD = re.compile(r"(?<![\w.])(and|or|not)(?!\w)", re.ASCII)
 _NOT_FINITE = re.compile(r"[+-]?\.?(nan|inf|infinity)(\s+\S.*)?", re.ASCII | re.IGNORECASE)
 _DECIMAL_COMMA = re.compile(r"(?<![\w.,])(\d++),(\d++)(?![\w.]*,)", re.ASCII)
+# A name as it stands in arithmetic, "rotation.rate" in one piece; the e of 1e3 and a unit are none.
+NAME_IN_TEXT = re.compile(r"(?<![\w.])[A-Za-z_]\w*+(?:\.[A-Za-z_]\w*+)*+", re.ASCII)
 _NAME_ALONE = re.compile(r"[A-Za-z_]\w*+", re.ASCII)
 _NUMBER_THEN_NAME = re.compile(
     r"(?<![\w.])((?:\d++\.?+\d*+|\.\d++)(?:[eE][+-]?\d++)?+)"
@@ -114,11 +116,16 @@ def parse(
             f"an expression has at most {LONGEST_TEXT} characters, this has {len(text)}"
         )
     _refuse_what_is_no_number(text, names)
-    if looks_like_quantity(text) and not _LOGIC_WORD.search(text):
-        _refuse_hidden_product(text, names)
+    if is_quantity(text):
+        refuse_hidden_product(text, names)
         return _quantity(text)
     _refuse_foreign_text(text)
     return _Reader(text, allow_previous, tables).expression()
+
+
+def is_quantity(text: str) -> bool:
+    """Whether a text is a number with a unit, not arithmetic."""
+    return looks_like_quantity(text) and not _LOGIC_WORD.search(text)
 
 
 def _quantity(text: str | int | float) -> Number:
@@ -159,7 +166,7 @@ def _refuse_what_is_no_number(text: str, names: Set[str]) -> None:
         )
 
 
-def _refuse_hidden_product(text: str, names: Set[str]) -> None:
+def refuse_hidden_product(text: str, names: Set[str]) -> None:
     """Refuse "3 cycle" where cycle is a name of the patch: it would be read as three turns."""
     try:
         number, unit = split_quantity(text)

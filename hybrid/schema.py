@@ -11,7 +11,7 @@ from typing import Any
 from hybrid import language
 from hybrid.components import CATALOG, Kind
 from hybrid.expressions import RESERVED_NAMES
-from hybrid.fields import NAME, RANGES, TIME_AXIS
+from hybrid.fields import NAME, RANGES, SIGNAL_NAME, TIME_AXIS
 from hybrid.language import Bound, Holds, Key, Unit
 from hybrid.machines import PRESETS
 from hybrid.modes import ON_OVERLOAD, RESERVED_SIGNALS
@@ -63,14 +63,16 @@ _TEXT_EXAMPLES = {
     "control": "moment",
     "reset_when": "moment",
     "hold_when": "moment",
-    "file": "drag.csv",
     "output": "cd",
+    "file": "drag.csv",
+    "use": "euler",
 }
 _TERMS_EXAMPLES: Mapping[str, Any] = {
     "program": EXAMPLE["digital"]["program"],
     "remember": {"moment_word": 0},
-    "inputs": {"mach": 1, "height": "ft"},
     "units": {"bodyMomentOfInertia_Roll": "kg*m^2"},
+    "inputs": {"mach": 1, "height": "ft"},
+    "parameters": {"inertia": "3 kg*m^2"},
 }
 
 
@@ -82,34 +84,79 @@ def json_schema() -> dict[str, Any]:
         (Key(kind, Holds.SIGNAL, doc, required=True), *language.READOUT_KEYS)
         for kind, doc in language.READOUT_KINDS.items()
     ]
-    dac = (*language.DAC_KEYS, *language.ERROR_KEYS)
     machine = {"anyOf": [_preset(), _object(language.MACHINE_KEYS)]}
     readout = {"not": {"enum": sorted(RESERVED_NAMES | {TIME_AXIS})}}
-    signal = {"not": {"enum": sorted(RESERVED_NAMES | {TIME_AXIS} | RESERVED_SIGNALS)}}
     contents = {
         "machine": machine,
-        "parameters": _map(_quantity(), {"not": {"enum": sorted(RESERVED_NAMES)}}),
-        "tables": _map(_table(), {"not": {"enum": sorted(RESERVED_NAMES)}}),
-        "models": _map(_object(language.MODEL_KEYS), {"not": {"enum": sorted(RESERVED_NAMES)}}),
-        "analog": _map({"oneOf": [_component(kind) for kind in CATALOG.values()]}, signal),
-        "interface": _map({"oneOf": [_object(language.ADC_KEYS), _object(dac)]}, signal),
+        **_sections(),
         "digital": _object(language.DIGITAL_KEYS),
         "modes": _modes(),
         "run": _object(language.RUN_KEYS),
         "readouts": _map({"oneOf": [_object(keys) for keys in readouts]}, readout),
+        "definitions": _map(_definition(), {}),
     }
-    for name, content in contents.items():
-        properties[name] = {**content, "description": properties[name]["description"]}
+    _put(contents, top)
+    # The program may be in parts alone; without a digital machine the record needs an interval.
+    properties["digital"]["required"].remove("program")
     return {
         "$schema": "https://json-schema.org/draft/2020-12/schema",
         "title": "Hybrid patch",
         **top,
         "dependentRequired": {"interface": ["digital"]},
-        # Without a digital machine the record needs an interval of its own.
-        "if": {"not": {"required": ["digital"]}},
-        "then": {"required": ["analog"], "properties": {"run": {"required": ["every"]}}},
+        "allOf": [
+            {
+                "if": {"not": {"required": ["digital"]}},
+                "then": {"properties": {"run": {"required": ["every"]}}},
+            },
+            {
+                "if": {"not": {"required": ["parts"]}},
+                "then": {
+                    "anyOf": [{"required": ["analog"]}, {"required": ["digital"]}],
+                    "properties": {"digital": {"required": ["program"]}},
+                },
+            },
+        ],
         "examples": [EXAMPLE],
     }
+
+
+def _put(contents: Mapping[str, Any], made: dict[str, Any]) -> None:
+    """Say more of some properties; their descriptions stay."""
+    for name, content in contents.items():
+        described = made["properties"][name]["description"]
+        made["properties"][name] = {**content, "description": described}
+
+
+def _sections() -> dict[str, Any]:
+    """What a patch and a sub-patch have alike."""
+    signal = {"not": {"enum": sorted(RESERVED_NAMES | {TIME_AXIS} | RESERVED_SIGNALS)}}
+    function = {"not": {"enum": sorted(RESERVED_NAMES)}}
+    component = {"oneOf": [_component(kind) for kind in CATALOG.values()]}
+    dac = (*language.DAC_KEYS, *language.ERROR_KEYS)
+    return {
+        "inputs": _map({"oneOf": [_quantity(), *component["oneOf"]]}, signal),
+        "parameters": _map(_quantity(), function),
+        "tables": _map(_table(), function),
+        "models": _map(_object(language.MODEL_KEYS), function),
+        "analog": _map(component, signal),
+        "interface": _map({"oneOf": [_object(language.ADC_KEYS), _object(dac)]}, signal),
+        "parts": _map(_part(), signal),
+    }
+
+
+def _part() -> dict[str, Any]:
+    """Where a sub-patch is used."""
+    made = _object(language.PART_KEYS)
+    made["properties"]["file"]["examples"] = ["parts/euler.yaml"]
+    made["properties"]["inputs"]["examples"] = [{"moment": "torque"}]
+    return {**made, "minProperties": 1}
+
+
+def _definition() -> dict[str, Any]:
+    """A sub-patch within a file."""
+    made = _object(language.DEFINITION_KEYS)
+    _put({**_sections(), "digital": _object(language.PART_DIGITAL_KEYS)}, made)
+    return made
 
 
 def _component(kind: Kind) -> dict[str, Any]:
@@ -184,7 +231,7 @@ def _holds(key: Key) -> dict[str, Any]:
     if key.holds is Holds.CHOICE:
         return {"enum": list(key.choices), "examples": [key.choices[-1]]}
     if key.holds is Holds.TERMS:
-        made = _map(_quantity(), {})
+        made = _map(_quantity(), {"pattern": SIGNAL_NAME})
         example = _TERMS_EXAMPLES.get(key.name, {"theta": 1})
         return {**made, "minProperties": int(key.required), "examples": [example]}
     if key.holds is Holds.POINTS:
@@ -197,7 +244,7 @@ def _holds(key: Key) -> dict[str, Any]:
             "examples": [{"0": 0.1, "1.2": 0.3}, {"0": {"0": 1, "5": 2}, "1": {"0": 3}}],
         }
     if key.holds is Holds.SIGNALS:
-        items = {"type": "string", "pattern": NAME}
+        items = {"type": "string", "pattern": SIGNAL_NAME}
         return {
             "type": "array",
             "items": items,
@@ -207,7 +254,7 @@ def _holds(key: Key) -> dict[str, Any]:
         }
     made = {"type": "string", "minLength": 1}
     if key.holds is Holds.SIGNAL:
-        made["pattern"] = NAME
+        made["pattern"] = SIGNAL_NAME
     return {**made, "examples": [_TEXT_EXAMPLES.get(key.name, "theta")]}
 
 
@@ -223,6 +270,8 @@ def reference() -> str:
         ("digital", language.DIGITAL_KEYS),
         ("modes", language.MODES_KEYS),
         ("run", language.RUN_KEYS),
+        ("parts", language.PART_KEYS),
+        ("definitions, and the file of a sub-patch", language.DEFINITION_KEYS),
         ("every analog component", (language.FULL_SCALE, language.UNIT, *language.ERROR_KEYS)),
     ]
     sections += [

@@ -9,10 +9,14 @@ from pathlib import Path
 _FOLDERS = (Path(__file__).parent / "patches", Path(__file__).parent.parent / "patches")
 
 
+def shipped_folder() -> Path:
+    """The folder of the patches that ship; sub-patches stand in `parts` below it."""
+    return next((f for f in _FOLDERS if f.is_dir()), _FOLDERS[0])
+
+
 def shipped_patches() -> dict[str, Path]:
     """Name -> file of every patch that ships."""
-    folder = next((f for f in _FOLDERS if f.is_dir()), _FOLDERS[0])
-    return {path.stem: path for path in sorted(folder.glob("*.yaml"))}
+    return {path.stem: path for path in sorted(shipped_folder().glob("*.yaml"))}
 
 
 def find_patch(name: str) -> Path:

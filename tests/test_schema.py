@@ -32,6 +32,8 @@ EVERY_KEY = {
         language.DIGITAL_KEYS,
         language.MODES_KEYS,
         language.RUN_KEYS,
+        language.PART_KEYS,
+        language.DEFINITION_KEYS,
         language.READOUT_KEYS,
         language.ERROR_KEYS,
         (language.FULL_SCALE, language.UNIT),
@@ -60,7 +62,8 @@ def test_the_patch_of_the_tests_is_valid() -> None:
 BEYOND = {
     "sine without omega", "sine with both", "code", "escape in title", "two lines", "long title",
     "underscore", "hexadecimal", "infinity", "nan", "named nan", "too large", "too small",
-    "two numbers", "comma", "division by zero", "overflow", "root", "attribute", "unclosed", "deep",
+    "two numbers", "comma", "division by zero", "overflow", "root", "attribute", "attribute of a number",
+    "unclosed", "deep",
     "deep minus", "long expression", "full_scale 0", "full_scale negative",
     "tiny full_scale", "huge full_scale", "initial", "DAC initial", "huge coefficient", "huge rate",
     "overflowing rate", "huge omega", "tiny tau", "negative tau", "noise 5", "noise alone", "range",

@@ -640,10 +640,10 @@ def _spread(height: float, place: int, count: int) -> float:
 
 
 def _lines(name: str) -> list[str]:
-    """A name in lines of some fifteen letters, broken after underscores where it has any."""
+    """A name in lines of some fifteen letters, broken after parts and underscores where it has any."""
     lines: list[str] = []
     while len(name) > NAME_WIDTH + 3:
-        cut = name.rfind("_", 4, NAME_WIDTH) + 1 or NAME_WIDTH
+        cut = name.find(".", 0, NAME_WIDTH) + 1 or name.rfind("_", 4, NAME_WIDTH) + 1 or NAME_WIDTH
         lines.append(name[:cut])
         name = name[cut:]
     return [*lines, name]

@@ -163,7 +163,8 @@ class Book:
 
     def _take(self, name: str, role: Role, place: Place) -> None:
         what = "signal" if role is Role.COMPONENT else role.value
-        check_name(name, place, what)
+        for word in name.split("."):
+            check_name(word, place, what)
         if name in self.roles:
             first = f"the {self.roles[name].value} in line {self.places[name].line}"
             raise PatchError(f"{name!r} is defined twice, first as {first}; rename one", place)

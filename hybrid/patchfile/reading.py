@@ -2,27 +2,25 @@
 
 from __future__ import annotations
 
-import codecs
 import os
-from pathlib import Path
 
-from hybrid.errors import PatchError, Place, did_you_mean, one_line, shown
+from hybrid.errors import PatchError, Place, shown
 from hybrid.fields import Fields
 from hybrid.language import TOP_KEYS
 from hybrid.patch import Component, Dac, Patch, Value
 from hybrid.patchfile.analog import read_components, read_machine, read_time_scale
 from hybrid.patchfile.book import Book
-from hybrid.patchfile.cords import check_cords
+from hybrid.patchfile.cords import check_connections, check_cords, check_inputs
 from hybrid.patchfile.interface import read_adcs, read_dacs
 from hybrid.patchfile.models import read_models
 from hybrid.patchfile.outcome import read_modes, read_readouts, read_record, read_run
 from hybrid.patchfile.parameters import read_parameters
+from hybrid.patchfile.parts import expand
 from hybrid.patchfile.program import read_program
+from hybrid.patchfile.source import name_of, read_text, short
 from hybrid.patchfile.tables import read_tables
-from hybrid.shipped import find_patch, shipped_patches
-from hybrid.yamltree import LARGEST_FILE, read_yaml
-
-LONGEST_NAME = 300
+from hybrid.shipped import find_patch
+from hybrid.yamltree import read_yaml
 
 
 def read_patch(source: str | os.PathLike[str]) -> Patch:
@@ -39,55 +37,19 @@ def read_patch(source: str | os.PathLike[str]) -> Patch:
             "the name of the patch is empty; give a patch file or the name of a patch that ships"
         )
     path = find_patch(os.fspath(source))
-    # A name that is no text, as old file systems allow, cannot be printed or recorded.
-    name = str(path).encode("utf-8", "replace").decode("utf-8")
-    place = Place(_short(one_line(name)))
-    try:
-        with path.open("rb") as file:
-            # One more than allowed and no further: a device may have no end.
-            content = file.read(LARGEST_FILE + 1)
-    except FileNotFoundError:
-        raise PatchError(f"cannot be read: No such file{_what_ships(path)}", place) from None
-    except OSError as error:
-        reason = error.strerror or str(error)
-        raise PatchError(f"cannot be read: {reason}; give a patch file", place) from None
-    except ValueError:
-        raise PatchError(
-            "cannot be read: no file has such a name; give a patch file", place
-        ) from None
-    if len(content) > LARGEST_FILE:
-        raise PatchError(f"the file is too long; a patch has at most {LARGEST_FILE} bytes", place)
-    if content.startswith((codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE)):
-        raise PatchError("the file is in UTF-16; save it as UTF-8", place)
-    try:
-        text = content.decode("utf-8")
-    except UnicodeDecodeError as error:
-        line = content.count(b"\n", 0, error.start) + 1
-        raise PatchError(
-            "not a text in UTF-8; a patch is a YAML file in UTF-8", Place(name, line)
-        ) from None
-    return parse_patch(text, name)
-
-
-def _short(name: str) -> str:
-    """A name cut where it is too long for a message: somebody handed over the text of a patch."""
-    return name if len(name) <= LONGEST_NAME else name[: LONGEST_NAME - 3] + "..."
-
-
-def _what_ships(path: Path) -> str:
-    """What a file that is not there may have meant."""
-    if path.parent == Path() and path.suffix in ("", ".yaml"):
-        return f", and no patch of that name ships; {did_you_mean(path.stem, shipped_patches())}"
-    return "; give a patch file, or the name of a patch that ships"
+    name = name_of(path)
+    return parse_patch(read_text(path, Place(short(name))), name)
 
 
 def parse_patch(text: str, file: str = "<text>") -> Patch:
     """Validate a patch given as YAML text; `file` is the name used in messages."""
-    root = read_yaml(text, file)
-    top = Fields(root, "the patch", TOP_KEYS, {})
+    whole = read_yaml(text, file)
+    top = Fields(whole, "the patch", TOP_KEYS, {})
     title, description = top.line("title"), top.text("description", "")
-    book = Book(root)
-    parameters = read_parameters(book)
+    flat = expand(whole, file)
+    book = Book(flat.root)
+    check_inputs(book, flat.connections)
+    parameters = read_parameters(book, flat.settings)
     book.tables.update(read_tables(book))
     read_models(book)
     machine = read_machine(book)
@@ -95,12 +57,13 @@ def parse_patch(text: str, file: str = "<text>") -> Patch:
     dacs = read_dacs(book)
     adcs = read_adcs(book)
     program = read_program(book)
+    check_connections(book, flat.connections, program)
     check_cords(book, components, dacs, program)
     patch = Patch(
         title,
         description,
         file,
-        text,
+        "".join((text, *flat.texts)),
         machine,
         parameters,
         components,
