@@ -310,14 +310,17 @@ def test_mistakes_are_told_in_both_places(
         assert "(part left of two.yaml:9)" in message, message
 
 
-def test_two_inputs_on_one_signal_of_one_component_are_refused(folder: Path) -> None:
+def test_one_signal_on_two_inputs_of_a_component_counts_twice(folder: Path) -> None:
     text = WHEEL.replace("  demand:", "  other: {constant: 0 N*m, full_scale: 1 N*m}\n  demand:")
-    text = text.replace("{moment: 1/inertia,", "{moment: 1/inertia, other: 1/inertia,")
-    (folder / "wheel.yaml").write_text(text)
-    (folder / "two.yaml").write_text(
-        TWO.replace("inputs: {moment: push", "inputs: {moment: push, other: push")
-    )
-    with pytest.raises(PatchError, match=r"both connected to 'push'.*once"):
+    wheel = text.replace("{moment: 1/inertia,", "{moment: 1/inertia, other: 2/inertia,")
+    (folder / "wheel.yaml").write_text(wheel)
+    two = TWO.replace("inputs: {moment:", "inputs: {other: push, moment:")
+    (folder / "two.yaml").write_text(two)
+    patch = read_patch(folder / "two.yaml")
+    terms = next(dict(c.terms) for c in patch.components if c.name == "left.rate")
+    assert terms["push"].number({"left.inertia": 1.5}) == 2.0
+    (folder / "wheel.yaml").write_text(wheel.replace("other: 2/inertia", "other: 2 1/s"))
+    with pytest.raises(PatchError, match=r"both connected to 'push'.*parameters"):
         read_patch(folder / "two.yaml")
 
 

@@ -113,13 +113,17 @@ class _Writer:
         parts = {
             n: Part(use.definition.source, use.definition.outputs()) for n, use in uses.items()
         }
-        names = frozenset(name for name, _, _ in of.entries("inputs", *SECTIONS))
+        names = frozenset(name for name, _, _ in of.entries("parameters"))
         scope = replace(scope, parts=parts, names=names)
+        readable = names | frozenset(
+            name for name, _, _ in of.entries("inputs", "interface", "program")
+        )
         for name, tree, place in of.entries("parameters"):
             self._add_parameter(scope, name, tree, place, given.get(name))
         for section in SECTIONS[1:]:
+            within = replace(scope, names=readable) if section == "program" else scope
             for name, tree, place in of.entries(section):
-                self.add(section, scope, name, tree, place)
+                self.add(section, within, name, tree, place)
         for name, text in words.items():
             self._put("program", scope, name, text, text.place)
         _check_outputs(of, scope)

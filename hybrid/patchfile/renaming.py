@@ -39,7 +39,7 @@ class Scope:
     used: Place | None = None  # where the part is used
     aliases: Mapping[str, str] = field(default_factory=dict)  # analog input -> what is connected
     parts: Mapping[str, Part] = field(default_factory=dict)
-    names: Collection[str] = ()  # its own
+    names: Collection[str] = ()  # of its parameters; in its program, of all it may read
 
     def place(self, place: Place) -> Place:
         """A place in the sub-patch, with where that is used."""
@@ -96,14 +96,25 @@ class Scope:
         places: dict[str, Place] = {}
         for key, item, place in tree:
             name = self.text(Text(key, place)).text
+            value = self.arithmetic(item)
             if name in entries:
-                raise PatchError(
-                    f"{quoted(key)} and another input are both connected to {quoted(name)}; a component "
-                    "takes a signal once",
-                    self.place(place),
-                )
-            entries[name], places[name] = self.arithmetic(item), self.place(place)
+                value = self._joined(entries[name], value, key, name)
+            entries[name], places[name] = value, self.place(place)
         return Table(entries, places, self.place(tree.place))
+
+    def _joined(self, one: Tree, other: Tree, key: str, name: str) -> Text:
+        """The coefficient of a signal that is connected to two inputs of one component."""
+        if (
+            isinstance(one, Text)
+            and isinstance(other, Text)
+            and not any(is_quantity(tree.text) for tree in (one, other))
+        ):
+            return Text(f"({one.text}) + ({other.text})", other.place)
+        raise PatchError(
+            f"{quoted(key)} and another input are both connected to {quoted(name)}; their coefficients "
+            "have units written out, so name these in parameters: to have them added",
+            other.place,
+        )
 
     def component(self, tree: Tree) -> Tree:
         """One entry of `analog`."""
