@@ -351,3 +351,34 @@ def test_the_schema_knows_parts(text: str) -> None:
         if old in text:
             wrong = yaml.safe_load(text.replace(old, old.replace("inputs", "imputs"), 1))
             assert not validator.is_valid(wrong)
+
+
+def test_a_sub_patch_has_tables_of_its_own(tmp_path: Path) -> None:
+    (tmp_path / "inner").mkdir()
+    (tmp_path / "inner" / "lift.csv").write_text("alpha,lift\n0,0\n1,2\n2,3\n")
+    (tmp_path / "inner" / "wing.yaml").write_text(
+        "title: Wing\n"
+        "inputs: {alpha: 0.5}\n"
+        "tables:\n"
+        "  lift: {inputs: {alpha: 1}, file: lift.csv}\n"
+        "  drag: {inputs: {alpha: 1}, values: {0: 1, 2: 5}}\n"
+        "digital:\n  period: 1 s\n  program: {force: lift(alpha) - drag(2*alpha)}\n"
+        "run: {until: 1 s}\n"
+    )
+    (tmp_path / "plane.yaml").write_text(
+        "title: Plane\n"
+        "tables: {drag: {inputs: {alpha: 1}, values: {0: 0, 2: 1}}}\n"
+        "parts:\n"
+        "  left: {file: inner/wing.yaml, inputs: {alpha: 0.5}}\n"
+        "  right: {file: inner/wing.yaml, inputs: {alpha: drag(1.5)}}\n"
+        "digital: {period: 1 s}\nrun: {until: 1 s}\n"
+    )
+    record = hybrid.run(tmp_path / "plane.yaml", machine="ideal").record
+    assert float(record["left.force"][-1]) == 1.0 - 3.0
+    assert float(record["right.force"][-1]) == 1.5 - 4.0
+    text = (tmp_path / "inner" / "wing.yaml").read_text()
+    (tmp_path / "inner" / "wing.yaml").write_text(text.replace("lift.csv", "left.csv"))
+    with pytest.raises(
+        PatchError, match=r"inner/wing.yaml:4 \(part left of .*plane.yaml:4\): .*left.csv"
+    ):
+        read_patch(tmp_path / "plane.yaml")
