@@ -82,7 +82,8 @@ def compile_patch(
         steps += _mode_changes(operation, analog.inputs.index(TIMED_MODE))
     adcs = sorted(patch.adcs, key=lambda adc: adc.name)
     dacs = sorted(patch.dacs, key=lambda dac: dac.name)
-    tape = _tape(scope, patch, tuple(adc.name for adc in adcs))
+    timing = _timing(patch, scope, time_scale)
+    tape = _tape(scope, patch, tuple(adc.name for adc in adcs), _step_s(patch, timing))
     scales = dict(zip(analog.signals, analog.full_scale.tolist(), strict=True))
     return Machine(
         patch,
@@ -96,7 +97,7 @@ def compile_patch(
         tuple(_holder(d, analog, tape.words, scales, preset) for d in dacs),
         steps,
         tape,
-        _timing(patch, scope, time_scale),
+        timing,
         elements,
         operation,
         time_scale,
@@ -124,7 +125,12 @@ def _draw_stages(
 
 # Most parameters of a sweep change neither; T changes the program only where it is written in it.
 _stages = KeptByUse(_draw_stages)
-_tape = KeptByUse(lambda scope, patch, adcs: build_tape(patch.program, adcs, scope))
+_tape = KeptByUse(lambda scope, patch, adcs, step: build_tape(patch.program, adcs, scope, step))
+
+
+def _step_s(patch: Patch, timing: Timing) -> float:
+    """Step of the integration formulas; 0 where there are none, so that the tape is one for every T."""
+    return to_seconds(timing.period) if patch.program and patch.program.states else 0.0
 
 
 def find_preset(patch: Patch, machine: str | None) -> Preset:

@@ -248,18 +248,25 @@ def _ideal_once(patch: Patch, bound: tuple[tuple[str, float], ...]) -> Complex:
     if patch.program:
         b, c, d = converter_paths(patch, analog)
         adcs = tuple(sorted(adc.name for adc in patch.adcs))
-        gain = linear_program(build_tape(patch.program, adcs, scope), len(adcs)).steady()[:, :-1]
-        loop = np.eye(len(gain)) - gain @ d
+        program = linear_program(build_tape(patch.program, adcs, scope, 0.0), len(adcs))
+        words, rates = program.steady()
+        sampled, integrated = np.s_[: len(adcs)], np.s_[len(adcs) : -1]
+        loop = np.eye(len(words)) - words[:, sampled] @ d
         if len(loop) and np.linalg.cond(loop) > 1e12:
             raise NotLinear("the ideal loop has no delay and a gain of exactly 1")
-        a = a + b @ np.linalg.solve(loop, gain @ c)
+        # Words from [analog states, the program's states], with what the ADCs read put in.
+        drive = np.linalg.solve(loop, np.hstack([words[:, sampled] @ c, words[:, integrated]]))
+        reading = np.hstack([c, np.zeros((len(c), len(rates)))]) + d @ drive
+        change = rates[:, sampled] @ reading
+        change[:, len(a) :] += rates[:, integrated]
+        a = np.vstack([np.hstack([a, np.zeros((len(a), len(rates)))]) + b @ drive, change])
     return eigenvalues(_without(a, analog.sources))
 
 
 def converter_paths(patch: Patch, analog: Analog) -> tuple[Floats, Floats, Floats]:
     """(B, C, D) from program words to states, states to ADC words, words to ADC words; SI figures."""
     n = len(analog.states)
-    words = [a.word for a in patch.program.assignments] if patch.program else []
+    words = list(patch.program.words) if patch.program else []
     scale = dict(zip(analog.signals, analog.full_scale.tolist(), strict=True))
     drive = np.zeros((len(analog.inputs), len(words)))
     for dac in patch.dacs:

@@ -9,6 +9,7 @@ from hybrid.expressions import (
     COMPARISONS,
     FUNCTIONS,
     LOGIC,
+    OTHER_TIMES,
     Binary,
     Call,
     ExpressionError,
@@ -79,7 +80,7 @@ def _alike(tree: Node, parts: _Parts) -> Dimension | None:
 
 
 def _call_dimension(tree: Call, parts: _Parts) -> Dimension | None:
-    if tree.function == "previous":
+    if tree.function in OTHER_TIMES:
         _all_pure(tree, parts[1:])
         return parts[0][1]
     rule, helper = FUNCTIONS[tree.function].rule, FUNCTIONS[tree.function].helper

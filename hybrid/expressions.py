@@ -73,7 +73,8 @@ class Binary:
 @dataclass(frozen=True, slots=True)
 class Call:
     """A function of `FUNCTIONS`, or "previous" with one Name: its value of the cycle before, or with a
-    second argument that many cycles before."""
+    second argument that many cycles before; or "next" with the Name of a state: its value at the end
+    of the cycle."""
 
     function: str
     args: tuple[Node, ...]
@@ -162,8 +163,10 @@ FUNCTIONS: Mapping[str, Function] = {
     **{name: _declared(helper) for name, helper in HELPERS.items()},
 }
 
+# Functions of a program word that give its value of another cycle.
+OTHER_TIMES = frozenset({"previous", "next"})
 # Names that no signal or parameter may bear; Python's own words because its parser reads the text.
-RESERVED_NAMES = frozenset(FUNCTIONS) | frozenset(keyword.kwlist) | {"pi", "previous", "next"}
+RESERVED_NAMES = frozenset(FUNCTIONS) | frozenset(keyword.kwlist) | OTHER_TIMES | {"pi"}
 
 # math.pow and not **: a root of a negative number must fail, not turn complex.
 OPERATORS: Mapping[str, Callable[[float, float], float]] = {
@@ -208,11 +211,11 @@ def sub_expressions(tree: Node) -> Iterator[Node]:
 
 
 def names(tree: Node) -> frozenset[str]:
-    """Names whose present value is needed; a word only under previous() is not among them."""
+    """Names whose present value is needed; a word only under previous() or next() is not."""
     if isinstance(tree, Name):
         return frozenset({tree.id})
     needed = children(tree)
-    if isinstance(tree, Call) and tree.function == "previous":
+    if isinstance(tree, Call) and tree.function in OTHER_TIMES:
         needed = needed[1:]
     return frozenset().union(*map(names, needed))
 
@@ -226,6 +229,28 @@ def previous_calls(tree: Node) -> tuple[Call, ...]:
 def previous_names(tree: Node) -> frozenset[str]:
     """Names whose value of a cycle before is needed."""
     return frozenset().union(*(names(call.args[0]) for call in previous_calls(tree)))
+
+
+def next_names(tree: Node) -> frozenset[str]:
+    """States whose value at the end of the cycle is needed."""
+    calls = (node for node in sub_expressions(tree) if isinstance(node, Call))
+    return frozenset().union(*(names(call.args[0]) for call in calls if call.function == "next"))
+
+
+def renamed(tree: Node, new: Mapping[str, str]) -> Node:
+    """The tree with other names for present values; what previous() and next() name stays."""
+    match tree:
+        case Name(id):
+            return Name(new.get(id, id))
+        case Unary(op, operand):
+            return Unary(op, renamed(operand, new))
+        case Binary(op, left, right):
+            return Binary(op, renamed(left, new), renamed(right, new))
+        case Call(function, args) if function not in OTHER_TIMES:
+            return Call(function, tuple([renamed(argument, new) for argument in args]))
+        case LookUp(table, args):
+            return LookUp(table, tuple([renamed(argument, new) for argument in args]))
+    return tree
 
 
 def is_constant(tree: Node) -> bool:
@@ -253,7 +278,7 @@ def evaluate(tree: Node, scope: Mapping[str, float]) -> float:
         return -value if tree.op == "-" else float(not value)
     if isinstance(tree, Binary):
         return _evaluate_binary(tree, scope)
-    if isinstance(tree, LookUp) or tree.function == "previous":
+    if isinstance(tree, LookUp) or tree.function in OTHER_TIMES:
         raise ExpressionError(f"{to_text(tree)} has a value only while a program runs")
     if tree.function == "select":  # what is not selected need have no value
         condition, chosen, other = tree.args

@@ -2,13 +2,15 @@
 
 One definition serves three readers: `patchfile` validates by it, `schema` generates the JSON Schema
 and the reference table from it, and messages list the valid alternatives from it.
-Stage 1: imports nothing of the project.
+Stage 1.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from enum import Enum
+
+from hybrid.formulas import DEFAULT_FORMULA, FORMULAS
 
 
 class Holds(Enum):
@@ -170,7 +172,32 @@ DIGITAL_KEYS = (
         Holds.TERMS,
         "first values of the words read with previous(...)",
     ),
-    Key("program", Holds.TERMS, "assignments, word: arithmetic", required=True),
+    Key("program", Holds.TERMS, "assignments, word: arithmetic; needed where there are no states"),
+    Key("states", Holds.TERMS, "words that the program integrates, state: {integrate: rate, ...}"),
+    Key(
+        "integration",
+        Holds.TEXT,
+        "integration formula of the states that name none",
+        default=DEFAULT_FORMULA,
+    ),
+)
+
+STATE_KEYS = (
+    Key("integrate", Holds.QUANTITY, "arithmetic: its rate of change", Unit.ANY, required=True),
+    Key("initial", Holds.QUANTITY, "value in the first cycle", Unit.ANY, required=True),
+    Key(
+        "formula",
+        Holds.TEXT,
+        "integration formula, whose step is the period: " + ", ".join(FORMULAS),
+        default="that of integration",
+    ),
+    Key(
+        "reset_when",
+        Holds.QUANTITY,
+        "arithmetic: where it is not 0, the step ends at reset_to",
+        Unit.PURE,
+    ),
+    Key("reset_to", Holds.QUANTITY, "arithmetic; may read next(...) of other states", Unit.ANY),
 )
 
 TABLE_KEYS = (
@@ -300,12 +327,12 @@ DEFINITION_KEYS = (
     Key("models", Holds.TERMS, "name: DAVE-ML model"),
     Key("analog", Holds.TERMS, "signal: component"),
     Key("interface", Holds.TERMS, "signal: adc or dac"),
-    Key("digital", Holds.TERMS, "words: program and remember"),
+    Key("digital", Holds.TERMS, "words: program, remember and states"),
     Key("parts", Holds.TERMS, "name: sub-patch"),
 )
 
 PART_DIGITAL_KEYS = tuple(
-    replace(key, required=False) for key in DIGITAL_KEYS if key.name in ("remember", "program")
+    key for key in DIGITAL_KEYS if key.name in ("program", "remember", "states")
 )
 
 PART_KEYS = (

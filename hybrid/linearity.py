@@ -6,14 +6,17 @@ Stage 4.
 from __future__ import annotations
 
 import functools
+import operator
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
 import numpy.typing as npt
 
 from hybrid.errors import NOWHERE, Place, RunError
+from hybrid.expressions import FUNCTIONS, OPERATORS
 from hybrid.machine import Floats
-from hybrid.tape import Memory, Op, Tape
+from hybrid.tape import BINARY_OPS, FIRST_WIDE, FUNCTION_OPS, Memory, Op, Tape
 
 
 class NotLinear(RunError):
@@ -25,6 +28,13 @@ class NotLinear(RunError):
         super().__init__(f"{place}: {message}" if str(place) else message)
 
 
+COMPUTE: dict[Op, Callable[..., float]] = {
+    op: OPERATORS[symbol] for symbol, op in BINARY_OPS.items()
+}
+COMPUTE |= {op: FUNCTIONS[name].compute for name, op in FUNCTION_OPS.items()}
+COMPUTE[Op.NOT] = operator.not_
+ARGUMENTS = dict.fromkeys(BINARY_OPS.values(), 2) | {Op.NOT: 1}
+ARGUMENTS |= {op: FUNCTIONS[name].fewest for name, op in FUNCTION_OPS.items()}
 # A delay of more cycles would make matrices that take minutes.
 MOST_REMEMBERED = 1000
 
@@ -36,22 +46,31 @@ class LinearProgram:
     rows: Floats  # (words, inputs): the words
     keep: Floats  # (remembered, inputs): what is remembered for the next cycle
     adcs: int
-    takes_over: npt.NDArray[np.int64]  # (remembered,): the word whose value, sooner or later, it is
+    takes_over: npt.NDArray[
+        np.int64
+    ]  # (remembered,): the word whose value it is, sooner or later, or -1
+    states: npt.NDArray[np.int64]  # (states,): which of what is remembered they are
+    rates: Floats  # (states, inputs)
 
-    def steady(self) -> Floats:
-        """Words for inputs that stay as they are, (words, adcs + 1).
+    def steady(self) -> tuple[Floats, Floats]:
+        """Words, and the rates of the states, for inputs that stay as they are.
 
-        Raises NotLinear where there is no such steady answer (the program integrates).
+        Arrays (words, free) and (states, free) over free = [ADC words, states, 1]. Rates of the past
+        have no part in them: this is for a program whose step is 0.
+
+        Raises NotLinear where there is no such steady answer (the program integrates by itself).
         """
-        back = self.rows[:, self.adcs : -1]
-        words = np.eye(len(self.rows))
-        for column, word in enumerate(self.takes_over):
+        first, last = self.adcs, self.rows.shape[1] - 1
+        free = [*range(first), *(first + self.states), last]
+        delayed = np.flatnonzero(self.takes_over >= 0)
+        back, words = self.rows[:, first + delayed], np.eye(len(self.rows))
+        taken = self.takes_over[delayed]
+        for column, word in enumerate(taken):
             words[:, word] -= back[:, column]
-        direct = np.delete(self.rows, np.s_[self.adcs : self.rows.shape[1] - 1], axis=1)
         if len(words) and np.linalg.cond(words) > 1e12:
             raise NotLinear("the program integrates, so it has no steady answer")
-        solved: Floats = np.linalg.solve(words, direct).astype(np.float64)
-        return solved
+        solved: Floats = np.linalg.solve(words, self.rows[:, free]).astype(np.float64)
+        return solved, self.rates[:, free] + self.rates[:, first + delayed] @ solved[taken]
 
 
 # A prediction asks for it twice: for the map, and to tell which closed form applies.
@@ -73,32 +92,44 @@ def linear_program(tape: Tape, adcs: int) -> LinearProgram:
     # Each delay has columns of its own, in the order in which their values come out.
     firsts = adcs + np.cumsum(lengths + 1) - (lengths + 1)
     forms[tape.memory[:, Memory.KEEPS]] = unit[firsts]
+    if tape.starting is not None:  # the formulas have started
+        forms[tape.starting] = 0.0
     _play(tape, forms)
     word_of = {register: i for i, register in enumerate(tape.word_registers.tolist())}
     keep = np.eye(remembered, width, k=adcs + 1)  # each takes over the next one of its delay
     keep[firsts + lengths - adcs] = forms[tape.memory[:, Memory.SOURCE]]
-    sources = [word_of[register] for register in tape.memory[:, Memory.SOURCE].tolist()]
+    sources = [word_of.get(register, -1) for register in tape.memory[:, Memory.SOURCE].tolist()]
     takes_over = np.repeat(np.array(sources, dtype=np.int64), lengths + 1)
-    return LinearProgram(forms[tape.word_registers], keep, adcs, takes_over)
+    column_of = dict(
+        zip(tape.memory[:, Memory.KEEPS].tolist(), (firsts - adcs).tolist(), strict=True)
+    )
+    states = np.array(
+        [column_of[register] for register in tape.states[:, 0].tolist()], dtype=np.int64
+    )
+    rates = forms[tape.states[:, 1]]
+    return LinearProgram(forms[tape.word_registers], keep, adcs, takes_over, states, rates)
 
 
 def _play(tape: Tape, forms: Floats) -> None:
     """Do the operations of a cycle on the forms of the registers."""
-    for (op, target, a, b), owner in zip(tape.code.tolist(), tape.owner, strict=True):
+    code, at = tape.code.tolist(), 0
+    while at < len(code):
+        op, target, a, b = code[at]
         with np.errstate(over="ignore", invalid="ignore"):
             form = _operation(op, forms[target], forms[a], forms[b])
-        word, place = tape.words[owner], tape.places[owner]
+        word, place = tape.words[tape.owner[at]], tape.places[tape.owner[at]]
         if form is None:
             raise NotLinear(f"word {word!r} is not linear in what the program reads", place)
         if not np.all(np.isfinite(form)):
             raise NotLinear(f"word {word!r} has a coefficient that is not finite", place)
         forms[target] = form
+        at += 1 + (int(forms[b, -1]) if op == Op.SKIP and form[-1] == 0.0 else 0)
 
 
 def _operation(op: int, held: Floats, a: Floats, b: Floats) -> Floats | None:
     """The form that an operation gives; None where it is not linear."""
     constant_a, constant_b = not np.any(a[:-1]), not np.any(b[:-1])
-    if op == Op.COPY:
+    if op == Op.COPY or (op == Op.SKIP and constant_a):
         return a
     if op == Op.NEG:
         return -a
@@ -116,4 +147,19 @@ def _operation(op: int, held: Floats, a: Floats, b: Floats) -> Floats | None:
         return a
     if op == Op.SELECT and not np.any(held[:-1]):
         return a if held[-1] != 0.0 else b
+    if op >= FIRST_WIDE:
+        return None
+    operands = (held, a, b) if op >= Op.SELECT else (a, b)[: ARGUMENTS[Op(op)]]
+    if not any(np.any(operand[:-1]) for operand in operands):
+        return _constant(Op(op), [operand[-1].item() for operand in operands], len(a))
     return None
+
+
+def _constant(op: Op, operands: list[float], width: int) -> Floats:
+    """The form of a constant that is computed from others."""
+    form = np.zeros(width)
+    try:
+        form[-1] = COMPUTE[op](*operands)
+    except (ArithmeticError, ValueError):
+        form[-1] = np.nan
+    return form

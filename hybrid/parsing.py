@@ -21,6 +21,7 @@ from hybrid.errors import did_you_mean
 from hybrid.expressions import (
     FUNCTIONS,
     LOGIC,
+    OTHER_TIMES,
     RESERVED_NAMES,
     Binary,
     BinaryOp,
@@ -100,7 +101,7 @@ def parse(
     names
         known signals and parameters: "3 cycle" is refused if cycle is one of them.
     allow_previous
-        whether previous(name) is valid, as it is in a digital program.
+        whether previous(name) and next(name) are valid, as in a digital program.
     tables
         by the name under which they are asked.
 
@@ -291,9 +292,13 @@ class _Reader:
     def _call(self, node: ast.expr, name: str, args: tuple[Node, ...]) -> Node:
         if name in self._tables:
             return self._look_up(node, self._tables[name], args)
+        if name in OTHER_TIMES and not self._allow_previous:
+            raise self._error(f"{name}() is valid only in a digital program", node)
+        if name == "next":
+            if len(args) != 1 or not isinstance(args[0], Name):
+                raise self._error("next() takes the name of one state: next(height)", node)
+            return Call(name, args)
         if name == "previous":
-            if not self._allow_previous:
-                raise self._error("previous() is valid only in a digital program", node)
             if len(args) not in (1, 2) or not isinstance(args[0], Name):
                 raise self._error(
                     "previous() takes one name, and how many cycles ago: previous(theta), "

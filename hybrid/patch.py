@@ -136,6 +136,35 @@ class Assignment:
     dimension: Dimension | None = None
     hidden: bool = False  # of a model, which is not recorded
 
+    @property
+    def reads(self) -> tuple[Node, ...]:
+        """All its arithmetic."""
+        return (self.expr,)
+
+
+@dataclass(frozen=True, slots=True)
+class State:
+    """A word that the program integrates: expr is its rate, as an assignment's is its value."""
+
+    word: str
+    expr: Node
+    initial: Value
+    formula: str  # one of `formulas.FORMULAS`
+    place: Place = NOWHERE
+    dimension: Dimension | None = None
+    reset_when: Node | None = None  # where this is true at the end of a cycle,
+    reset_to: Node | None = None  # the state takes this value
+
+    @property
+    def hidden(self) -> bool:
+        """States are always recorded."""
+        return False
+
+    @property
+    def reads(self) -> tuple[Node, ...]:
+        """All its arithmetic."""
+        return tuple(expr for expr in (self.expr, self.reset_when, self.reset_to) if expr)
+
 
 @dataclass(frozen=True, slots=True)
 class Program:
@@ -147,6 +176,17 @@ class Program:
     assignments: tuple[Assignment, ...]
     remember: Mapping[str, Value]
     place: Place = NOWHERE
+    states: tuple[State, ...] = ()  # by name
+
+    @property
+    def written(self) -> tuple[Assignment | State, ...]:
+        """Every word with its arithmetic: assignments, then states."""
+        return (*self.assignments, *self.states)
+
+    @property
+    def words(self) -> tuple[str, ...]:
+        """The names of them all."""
+        return tuple(entry.word for entry in self.written)
 
 
 @dataclass(frozen=True, slots=True)
@@ -273,13 +313,13 @@ class Patch:
     @property
     def signals(self) -> tuple[str, ...]:
         """Names of every signal and word, sorted."""
-        assignments = self.program.assignments if self.program else ()
-        words = [a.word for a in assignments if not a.hidden]
+        written = self.program.written if self.program else ()
+        words = [entry.word for entry in written if not entry.hidden]
         sampled = [adc.name for adc in self.adcs]
         return tuple(sorted([p.name for p in self.analog_parts] + sampled + words))
 
     def __repr__(self) -> str:
-        word = f", {len(self.program.assignments)} program words" if self.program else ""
+        word = f", {len(self.program.words)} program words" if self.program else ""
         return (
             f"<Patch {self.title!r}: {len(self.components)} components, {len(self.adcs)} ADC, "
             f"{len(self.dacs)} DAC{word}; parameters: {', '.join(sorted(self.parameters))}>"

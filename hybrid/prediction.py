@@ -19,7 +19,7 @@ from hybrid.arguments import Parameters, Source, finite_number, machine_of
 from hybrid.compiler import compile_patch
 from hybrid.coupling import Mode
 from hybrid.errors import HybridError, RunError, shown
-from hybrid.expressions import names, previous_names
+from hybrid.expressions import names, next_names, previous_names
 from hybrid.graph import simple_loops
 from hybrid.linearity import LinearProgram, linear_program
 from hybrid.machine import Analog, Machine
@@ -214,9 +214,10 @@ def signal_graph(patch: Patch) -> dict[str, list[str]]:
             feeds[source].add(component.name)
     for adc in patch.adcs:
         feeds[adc.source].add(adc.name)
-    for assignment in patch.program.assignments if patch.program else ():
-        for source in (names(assignment.expr) | previous_names(assignment.expr)) & feeds.keys():
-            feeds[source].add(assignment.word)
+    for entry in patch.program.written if patch.program else ():
+        for expr in entry.reads:
+            for source in (names(expr) | previous_names(expr) | next_names(expr)) & feeds.keys():
+                feeds[source].add(entry.word)
     for dac in patch.dacs:
         feeds[dac.word].add(dac.name)
     return {name: sorted(targets) for name, targets in feeds.items()}

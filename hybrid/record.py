@@ -58,10 +58,10 @@ def _units_of(patch: Patch) -> Mapping[str, tuple[str, float]]:
     shown = {part.name: (part.unit, part.factor) for part in patch.analog_parts}
     shown |= {adc.name: shown[adc.source] for adc in patch.adcs}
     by_word = {dac.word: shown[dac.name] for dac in patch.dacs}
-    for assignment in patch.program.assignments if patch.program else ():
-        unknown = assignment.dimension is None or assignment.dimension.is_pure
-        plain = ("" if unknown else str(assignment.dimension), 1.0)
-        shown[assignment.word] = by_word.get(assignment.word, plain)
+    for entry in patch.program.written if patch.program else ():
+        unknown = entry.dimension is None or entry.dimension.is_pure
+        plain = ("" if unknown else str(entry.dimension), 1.0)
+        shown[entry.word] = by_word.get(entry.word, plain)
     return shown
 
 

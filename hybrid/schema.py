@@ -12,6 +12,7 @@ from hybrid import language
 from hybrid.components import CATALOG, Kind
 from hybrid.expressions import RESERVED_NAMES
 from hybrid.fields import NAME, RANGES, SIGNAL_NAME, TIME_AXIS
+from hybrid.formulas import FORMULAS
 from hybrid.language import Bound, Holds, Key, Unit
 from hybrid.machines import PRESETS
 from hybrid.modes import ON_OVERLOAD, RESERVED_SIGNALS
@@ -73,13 +74,13 @@ _TERMS_EXAMPLES: Mapping[str, Any] = {
     "units": {"bodyMomentOfInertia_Roll": "kg*m^2"},
     "inputs": {"mach": 1, "height": "ft"},
     "parameters": {"inertia": "3 kg*m^2"},
+    "states": {"angle": {"integrate": "theta_sample", "initial": "0.1 rad"}},
 }
 
 
 def json_schema() -> dict[str, Any]:
     """JSON Schema (draft 2020-12) of a patch file as YAML reads it."""
     top = _object(language.TOP_KEYS)
-    properties = top["properties"]
     readouts = [
         (Key(kind, Holds.SIGNAL, doc, required=True), *language.READOUT_KEYS)
         for kind, doc in language.READOUT_KINDS.items()
@@ -89,20 +90,19 @@ def json_schema() -> dict[str, Any]:
     contents = {
         "machine": machine,
         **_sections(),
-        "digital": _object(language.DIGITAL_KEYS),
+        "digital": _digital(language.DIGITAL_KEYS),
         "modes": _modes(),
         "run": _object(language.RUN_KEYS),
         "readouts": _map({"oneOf": [_object(keys) for keys in readouts]}, readout),
         "definitions": _map(_definition(), {}),
     }
     _put(contents, top)
-    # The program may be in parts alone; without a digital machine the record needs an interval.
-    properties["digital"]["required"].remove("program")
     return {
         "$schema": "https://json-schema.org/draft/2020-12/schema",
         "title": "Hybrid patch",
         **top,
         "dependentRequired": {"interface": ["digital"]},
+        # Without a digital machine the record needs an interval; the program may be in parts alone.
         "allOf": [
             {
                 "if": {"not": {"required": ["digital"]}},
@@ -112,7 +112,9 @@ def json_schema() -> dict[str, Any]:
                 "if": {"not": {"required": ["parts"]}},
                 "then": {
                     "anyOf": [{"required": ["analog"]}, {"required": ["digital"]}],
-                    "properties": {"digital": {"required": ["program"]}},
+                    "properties": {
+                        "digital": {"anyOf": [{"required": ["program"]}, {"required": ["states"]}]}
+                    },
                 },
             },
         ],
@@ -129,7 +131,7 @@ def _put(contents: Mapping[str, Any], made: dict[str, Any]) -> None:
 
 def _sections() -> dict[str, Any]:
     """What a patch and a sub-patch have alike."""
-    signal = {"not": {"enum": sorted(RESERVED_NAMES | {TIME_AXIS} | RESERVED_SIGNALS)}}
+    signal = _signal_names()
     function = {"not": {"enum": sorted(RESERVED_NAMES)}}
     component = {"oneOf": [_component(kind) for kind in CATALOG.values()]}
     dac = (*language.DAC_KEYS, *language.ERROR_KEYS)
@@ -155,7 +157,7 @@ def _part() -> dict[str, Any]:
 def _definition() -> dict[str, Any]:
     """A sub-patch within a file."""
     made = _object(language.DEFINITION_KEYS)
-    _put({**_sections(), "digital": _object(language.PART_DIGITAL_KEYS)}, made)
+    _put({**_sections(), "digital": _digital(language.PART_DIGITAL_KEYS)}, made)
     return made
 
 
@@ -175,6 +177,21 @@ def _table() -> dict[str, Any]:
     """Values in the patch or in a file."""
     either = [{"required": [key]} for key in ("values", "file")]
     return {**_object(language.TABLE_KEYS), "oneOf": either}
+
+
+def _signal_names() -> dict[str, Any]:
+    """Names that a signal or a word must not have."""
+    return {"not": {"enum": sorted(RESERVED_NAMES | {TIME_AXIS} | RESERVED_SIGNALS)}}
+
+
+def _digital(keys: Iterable[Key]) -> dict[str, Any]:
+    """The digital machine: its states have keys of their own."""
+    made = _object(keys)
+    states = made["properties"]["states"]
+    states.update({**_map(_object(language.STATE_KEYS), _signal_names()), "minProperties": 1})
+    state = states["additionalProperties"]
+    state["dependentRequired"] = {"reset_when": ["reset_to"], "reset_to": ["reset_when"]}
+    return made
 
 
 def _modes() -> dict[str, Any]:
@@ -222,6 +239,8 @@ def _holds(key: Key) -> dict[str, Any]:
         return _preset()
     if key.name == "on_overload":
         return {"enum": list(ON_OVERLOAD), "examples": ["stop"]}
+    if key.name in ("integration", "formula"):
+        return {"enum": list(FORMULAS), "examples": ["rk4"]}
     if key.holds in (Holds.QUANTITY, Holds.EITHER):
         return {**_quantity(), "examples": _QUANTITY_EXAMPLES[key.unit]}
     if key.holds is Holds.INTEGER:
@@ -233,7 +252,11 @@ def _holds(key: Key) -> dict[str, Any]:
     if key.holds is Holds.TERMS:
         made = _map(_quantity(), {"pattern": SIGNAL_NAME})
         example = _TERMS_EXAMPLES.get(key.name, {"theta": 1})
-        return {**made, "minProperties": int(key.required), "examples": [example]}
+        return {
+            **made,
+            "minProperties": int(key.required or key.name == "program"),
+            "examples": [example],
+        }
     if key.holds is Holds.POINTS:
         made = {"type": "object", "minProperties": 2, "additionalProperties": _quantity()}
         return {**made, "examples": [{"-1": 0, "0": 0, "1": 1}]}
@@ -268,6 +291,7 @@ def reference() -> str:
         ("tables", language.TABLE_KEYS),
         ("models", language.MODEL_KEYS),
         ("digital", language.DIGITAL_KEYS),
+        ("digital, states", language.STATE_KEYS),
         ("modes", language.MODES_KEYS),
         ("run", language.RUN_KEYS),
         ("parts", language.PART_KEYS),

@@ -6,8 +6,8 @@ temporaries. Sub-expressions of parameters alone are computed here once and beco
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
 from enum import IntEnum
 
 import numpy as np
@@ -26,18 +26,30 @@ from hybrid.expressions import (
     asks_table,
     evaluate,
     names,
+    next_names,
     previous_names,
     shown,
     to_text,
 )
 from hybrid.helpers import Helper
+from hybrid.integration import (
+    TO_START,
+    Branch,
+    Statement,
+    kept,
+    next_of,
+    rate_of,
+    stepped_of,
+    written_out,
+)
 from hybrid.patch import Program
 from hybrid.tables import CONTINUES, Table
 
 
 class Op(IntEnum):
     """Operation codes: target = f(a, b), unary ones of a alone; those from SELECT on = f(target, a, b),
-    with what the target held before as their first argument."""
+    with what the target held before as their first argument. Where a is 0, SKIP leaves out the next b
+    operations."""
 
     COPY = 0
     ADD = 1
@@ -81,9 +93,10 @@ class Op(IntEnum):
     GE = 39
     EQ = 40
     NE = 41
-    SELECT = 42
-    LIMIT = 43
-    DEAD_ZONE = 44
+    SKIP = 42
+    SELECT = 43
+    LIMIT = 44
+    DEAD_ZONE = 45
     # From here on an operation's arguments stand in registers side by side: the first operand is the
     # first of these, the second is the operation's row among the tape's `sites`.
     TEMPERATURE_US76 = 100
@@ -148,7 +161,7 @@ class Site:
     ranges: tuple[tuple[float, float], ...]
     units: tuple[str, ...]  # SI
     actions: tuple[tuple[int, int], ...]  # below, above
-    table: Table | None = None
+    table: Table | None = field(default=None, compare=False)  # which its name says, too
 
 
 @dataclass(frozen=True, eq=False)
@@ -162,6 +175,8 @@ class Tape:
     word_registers: npt.NDArray[np.int32]
     memory: npt.NDArray[np.int32]  # (remembered, 4), see Memory; in the order in which they change
     places: tuple[Place, ...]  # of the words in the patch file
+    states: npt.NDArray[np.int32]  # (states, 2): register of the state, of its rate
+    starting: int | None  # register that counts the cycles down in which formulas start
     sites: tuple[Site, ...] = ()
 
 
@@ -171,8 +186,12 @@ class _Builder:
     def __init__(self, program: Program | None, scope: Mapping[str, float]) -> None:
         self.scope = scope
         self.remember = program.remember if program else {}
+        self.kept = kept(program, scope) if program else ()
+        self.words = program.words if program else ()
+        self.stepped = [stepped_of(state) for state in program.states] if program else []
         self.values: list[float] = []
         self.place: dict[str, int] = {}
+        self.fixed: set[str] = set()  # names that keep their register
         self.constants: dict[float, int] = {}
         self.delays: dict[tuple[str, int], int] = {}  # word, cycles -> register
         self.memory: list[tuple[int, int, int, int]] = []
@@ -195,6 +214,8 @@ class _Builder:
         if self.is_known(node):
             return self.constant(evaluate(node, self.scope))
         match node:
+            case Call("next", (Name(id),)):
+                return self.place[next_of(id)]
             case Call("select", (condition, chosen, other)) if self.is_known(condition):
                 return self.compute(chosen if evaluate(condition, self.scope) else other)
             case Name(id):
@@ -216,8 +237,8 @@ class _Builder:
 
     def is_known(self, node: Node) -> bool:
         """Whether the node has a value before the run."""
-        timeless = names(node) <= self.scope.keys() and not previous_names(node)
-        return timeless and not asks_table(node)
+        timeless = not (previous_names(node) or next_names(node) or asks_table(node))
+        return timeless and names(node) <= self.scope.keys()
 
     def call(self, op: Op, arguments: tuple[Node, ...]) -> int:
         held = [self.compute(argument) for argument in arguments]
@@ -259,8 +280,10 @@ class _Builder:
         return self.emit_wide(Op.LOOK_UP, held, self.site(site))
 
     def site(self, site: Site) -> int:
-        self.sites.append(site)
-        return len(self.sites) - 1
+        """Number of the place; the stages of a formula that compute a word again ask at the same one."""
+        if site not in self.sites:
+            self.sites.append(site)
+        return self.sites.index(site)
 
     def emit_wide(self, op: Op, held: list[int], site: int) -> int:
         """An operation whose arguments are first copied side by side."""
@@ -288,7 +311,7 @@ class _Builder:
     def delay(self, word: str, cycles: int) -> int:
         """Register of a word's value `cycles` ago."""
         if (word, cycles) not in self.delays:
-            first, ring = self.remember[word].number(self.scope), cycles - 1
+            first, ring = self.first_value(word), cycles - 1
             keeps = self.register(first)
             start = len(self.values)
             if ring:
@@ -297,31 +320,76 @@ class _Builder:
             self.delays[word, cycles] = keeps
         return self.delays[word, cycles]
 
+    def first_value(self, word: str) -> float:
+        """What previous(word) gives in the first cycles; of a state, its initial value."""
+        if word in self.remember:
+            return self.remember[word].number(self.scope)
+        return next(entry.first for entry in self.kept if entry.name == word)
 
-def build_tape(program: Program | None, adcs: tuple[str, ...], scope: Mapping[str, float]) -> Tape:
-    """Compile `program` for the parameter values in `scope`; ADC words take registers 0, 1, ..."""
+    def fix_registers(self, adcs: Sequence[str]) -> None:
+        """Give a register to all that is read before it is computed, or is computed in branches."""
+        for name in (*adcs, *self.words, *(entry.name for entry in self.kept), *self.stepped):
+            if name not in self.place:
+                self.place[name] = self.register()
+        for entry in self.kept:
+            self.values[self.place[entry.name]] = entry.first
+        self.fixed = set(self.place)
+
+    def step(self, part: Statement | Branch) -> None:
+        """Append the operations of a statement, or of those that a condition guards."""
+        before = len(self.code)
+        if isinstance(part, Branch):
+            self.emit(Op.SKIP, self.compute(part.condition))
+            skip = len(self.code) - 1
+        self.owner += [self.words.index(part.word)] * (len(self.code) - before)
+        if isinstance(part, Statement):
+            self.assign(part)
+            return
+        for statement in part.statements:
+            self.assign(statement)
+        op, target, condition, _ = self.code[skip]
+        skipped = self.constant(float(len(self.code) - skip - 1))
+        self.code[skip] = (op, target, condition, skipped)
+
+    def assign(self, part: Statement) -> None:
+        """Compute a statement; into its register where it has one for good."""
+        before, self.word = len(self.code), part.word
+        result = self.compute(part.expr)
+        if part.name in self.fixed:
+            self.code.append((Op.COPY, self.place[part.name], result, 0))
+        else:
+            self.place[part.name] = result
+        self.owner += [self.words.index(part.word)] * (len(self.code) - before)
+
+
+def build_tape(
+    program: Program | None, adcs: tuple[str, ...], scope: Mapping[str, float], step_s: float
+) -> Tape:
+    """Compile `program` for the parameter values in `scope`; ADC words take registers 0, 1, ...
+
+    step_s: step of the integration formulas, the period of the program.
+    """
     build = _Builder(program, scope)
-    for name in adcs:
-        build.place[name] = build.register()
-    assignments = program.assignments if program else ()
-    for assignment in assignments:
-        build.place[assignment.word] = build.register()
-    for index, assignment in enumerate(assignments):
-        before, build.word = len(build.code), assignment.word
+    build.fix_registers(adcs)
+    written = {entry.word: entry.place for entry in program.written} if program else {}
+    for part in written_out(program, step_s) if program else ():
         try:
-            result = build.compute(assignment.expr)
+            build.step(part)
         except ExpressionError as error:
-            raise PatchError(f"word {assignment.word!r}: {error}", assignment.place) from None
-        build.code.append((Op.COPY, build.place[assignment.word], result, 0))
-        build.owner.extend([index] * (len(build.code) - before))
-    words = tuple(assignment.word for assignment in assignments)
+            raise PatchError(f"word {part.word!r}: {error}", written[part.word]) from None
+    for entry in build.kept:
+        build.memory.append((build.place[entry.name], build.place[entry.source], 0, 0))
+    integrated = program.states if program else ()
+    states = [(build.place[s.word], build.place[rate_of(s.word)]) for s in integrated]
     return Tape(
-        words,
+        build.words,
         np.array(build.code, dtype=np.int32).reshape(-1, 4),
         tuple(build.owner),
         np.array(build.values, dtype=np.float64),
-        np.array([build.place[w] for w in words], dtype=np.int32),
+        np.array([build.place[w] for w in build.words], dtype=np.int32),
         np.array(build.memory, dtype=np.int32).reshape(-1, len(Memory)),
-        tuple(assignment.place for assignment in assignments),
+        tuple(written.values()),
+        np.array(states, dtype=np.int32).reshape(-1, 2),
+        build.place.get(TO_START),
         tuple(build.sites),
     )

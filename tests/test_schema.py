@@ -30,6 +30,7 @@ EVERY_KEY = {
         language.ADC_KEYS,
         language.DAC_KEYS,
         language.DIGITAL_KEYS,
+        language.STATE_KEYS,
         language.MODES_KEYS,
         language.RUN_KEYS,
         language.PART_KEYS,
@@ -144,12 +145,14 @@ def _section_examples() -> Iterator[object]:
     adc, dac = properties["interface"]["additionalProperties"]["oneOf"]
     machine = properties["machine"]["anyOf"][1]
     readouts = properties["readouts"]["additionalProperties"]["oneOf"]
+    state = properties["digital"]["properties"]["states"]["additionalProperties"]
     places = [
         ("", SCHEMA, ("title", "description", "record")),
         ("machine", machine, ("serial", "tau", "tolerance", "offset", "noise")),
         ("interface/theta_sample", adc, adc["properties"]),
         ("interface/moment", dac, set(dac["properties"]) - {"initial", "full_scale"}),
         ("digital", properties["digital"], properties["digital"]["properties"]),
+        ("digital/states/angle", state, set(state["properties"]) - {"reset_when", "reset_to"}),
         ("modes", properties["modes"], properties["modes"]["properties"]),
         ("run", properties["run"], properties["run"]["properties"]),
         *(("readouts/pitch_mode", readout, readout["properties"]) for readout in readouts),
@@ -168,6 +171,8 @@ def test_examples_of_sections(path: str, key: str, example: Any) -> None:
         table = table.setdefault(step, {})
     if path.startswith("readouts") and key not in ("from", "until"):
         table.clear()
+    if path == "digital/states/angle":
+        table |= {"integrate": "theta_sample", "initial": 0}
     if path == "modes" and key not in ("reset_when", "hold_when"):
         table |= {"reset": "1 ms", "operate": "9 ms"}
     if path == "interface/moment" and key == "unit":

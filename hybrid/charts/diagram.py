@@ -29,9 +29,9 @@ from hybrid.charts.symbols import (
 )
 from hybrid.components import CATALOG
 from hybrid.errors import RunError
-from hybrid.expressions import to_text
+from hybrid.expressions import Name, to_text
 from hybrid.modes import LOGIC
-from hybrid.patch import Adc, Component, Dac, Patch, Value
+from hybrid.patch import Adc, Component, Dac, Patch, State, Value
 from hybrid.storage import write_whole
 
 NAME_SIZE, SMALL_SIZE, PILL_SIZE = 11.0, 9.0, 9.0
@@ -252,18 +252,20 @@ class Sheet:
         program = self.patch.program
         assert program is not None
         driving = {dac.word for dac in self.patch.dacs}
-        shown = [a for a in program.assignments if a.word in driving]
+        shown = [a for a in program.written if a.word in driving]
         spare = max(MOST_WORDS - len(shown), 0)
-        others = [a for a in program.assignments if a.word not in driving][:spare]
+        others = [a for a in program.written if a.word not in driving][:spare]
         kept = {a.word for a in (*shown, *others)}
-        for assignment in program.assignments:
+        for assignment in program.written:
             if assignment.word in kept:
                 whole = to_text(assignment.expr)
+                if isinstance(assignment, State):
+                    whole = f"∫ {whole}" if isinstance(assignment.expr, Name) else f"∫ ({whole})"
                 cut = whole.replace("**", "^").replace("*", "·").replace("-", "−")
                 if len(cut) > LONGEST_EXPRESSION:
                     cut = cut[: LONGEST_EXPRESSION - 1] + "…"
                 self.rows.append((assignment.word, cut, whole))
-        hidden = len(program.assignments) - len(kept)
+        hidden = len(program.words) - len(kept)
         below = (f"and {hidden} more words",) if hidden else ()
         widths = [
             text_width(word, NAME_SIZE, bold=True) + text_width(f" = {shown_}", 10.0)

@@ -31,7 +31,7 @@ ASIN, ACOS, ATAN, ATAN2, EXP, LOG = (
 SINH, COSH, TANH, ASINH, ACOSH, ATANH, LOG10, HYPOT = range(int(Op.SINH), int(Op.HYPOT) + 1)
 SIGN, FLOOR, CEIL, ROUND, MOD = (int(op) for op in (Op.SIGN, Op.FLOOR, Op.CEIL, Op.ROUND, Op.MOD))
 NOT, AND, OR, LT, LE, GT, GE, EQ, NE = range(int(Op.NOT), int(Op.NE) + 1)
-SELECT, LIMIT = int(Op.SELECT), int(Op.LIMIT)
+SKIP, SELECT, LIMIT = int(Op.SKIP), int(Op.SELECT), int(Op.LIMIT)
 WIDE, LOOK_UP = int(FIRST_WIDE), int(Op.LOOK_UP)
 KEEPS, SOURCE_OF, RING, LENGTH = (int(column) for column in Memory)
 
@@ -148,8 +148,9 @@ def run_tape(
     intervals: Ints,
 ) -> None:
     """Play the operations of one cycle on registers `r`."""
-    for k in range(code.shape[0]):
-        op, a, b = code[k, 0], r[code[k, 2]], r[code[k, 3]]
+    k = 0
+    while k < code.shape[0]:
+        op, target, a, b = code[k, 0], code[k, 1], r[code[k, 2]], r[code[k, 3]]
         if op == COPY:
             result = a
         elif op == ADD:
@@ -169,9 +170,14 @@ def run_tape(
             result = look_up(r, at, site, figures, layout, asked, intervals, outside)
         elif op >= WIDE:
             result = compute_helper(op, r, code[k, 2], code[k, 3], outside)
+        elif op == SKIP:
+            result = a
+            if a == 0.0:
+                k += int(b)
         else:
-            result = compute_function(op, r[code[k, 1]], a, b)
-        r[code[k, 1]] = result
+            result = compute_function(op, r[target], a, b)
+        r[target] = result
+        k += 1
 
 
 @inlined

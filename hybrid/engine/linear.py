@@ -392,7 +392,7 @@ def _state(machine: Machine, plant: Plant) -> State:
         np.zeros(len(machine.samplers)),
         machine.tape.registers.copy(),
         np.zeros((latency, words)),
-        np.zeros(words),
+        machine.tape.registers[machine.tape.word_registers],
         np.zeros(8, dtype=np.int64),
         np.zeros((watched, 6), dtype=np.int64),
         np.zeros((watched, 2)),

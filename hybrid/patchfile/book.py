@@ -27,6 +27,7 @@ MOST_ENTRIES = {
     "analog": 1000,
     "interface": 1000,
     "program": 5000,
+    "states": 1000,
     "readouts": 1000,
 }
 
@@ -155,11 +156,22 @@ class Book:
     def _take_words(self) -> None:
         digital = table_of(self.root.entries["digital"], "digital")
         only_keys(digital, DIGITAL_KEYS, "digital", self.root.places["digital"])
-        program = table_of(digital.entries["program"], "program", "word: arithmetic")
-        if not program.entries:
-            raise PatchError("the program has no words; give word: arithmetic", program.place)
-        for name, _, place in _limited(program, "program"):
-            self._take(name, Role.WORD, place)
+        if not {"program", "states"} & digital.entries.keys():
+            raise PatchError(
+                "digital has no program; add program: (assignments, word: arithmetic) or states:",
+                self.root.places["digital"],
+            )
+        for section in digital.entries:
+            if section not in ("program", "states"):
+                continue
+            table = table_of(digital.entries[section], section, "word: arithmetic")
+            if not table.entries:
+                message = f"the {section} has no words; give word: arithmetic"
+                if section == "states":
+                    message = "states is empty; give state: {integrate: rate, initial: value}"
+                raise PatchError(message, table.place)
+            for name, _, place in _limited(table, section):
+                self._take(name, Role.WORD, place)
 
     def _take(self, name: str, role: Role, place: Place) -> None:
         what = "signal" if role is Role.COMPONENT else role.value

@@ -31,7 +31,7 @@ def check_cords(
             _check_coefficient(book, component, signal, value)
         _check_gain(book, component)
         _check_initial(book, component)
-    dimensions = {a.word: a.dimension for a in program.assignments} if program else {}
+    dimensions = {a.word: a.dimension for a in program.written} if program else {}
     for dac in dacs:
         dimension = dimensions[dac.word]
         if dimension not in (None, PURE, dac.dimension):

@@ -2,14 +2,16 @@
 
 from __future__ import annotations
 
+import functools
 from collections.abc import Mapping
 from dataclasses import replace
 
-from hybrid.dimensions import dimension_of
 from hybrid.errors import PatchError, Place, did_you_mean, quoted
 from hybrid.expressions import (
     ExpressionError,
+    Node,
     names,
+    next_names,
     previous_calls,
     previous_names,
     shown,
@@ -17,11 +19,13 @@ from hybrid.expressions import (
 )
 from hybrid.fields import table_of, value_of
 from hybrid.graph import dependency_order, find_loop
+from hybrid.integration import next_of
 from hybrid.language import DIGITAL_KEYS
 from hybrid.parsing import parse
-from hybrid.patch import Assignment, Program, Value
+from hybrid.patch import Assignment, Program, State, Value
 from hybrid.patchfile.book import Book, Role
 from hybrid.patchfile.models import check_input, model_names, model_words, refuse_model_name
+from hybrid.patchfile.states import read_states, settle_dimensions, with_dimension
 from hybrid.units import PURE, Dimension
 from hybrid.yamltree import Table, Text, Tree
 
@@ -35,14 +39,20 @@ def read_program(book: Book) -> Program | None:
         return None
     fields = book.fields(digital, "digital", DIGITAL_KEYS, book.root.places["digital"])
     values = fields.quantities(DIGITAL_KEYS)
-    table = table_of(fields.tree("program"), "program", "word: arithmetic")
+    tree = digital.entries.get("program")
+    table = table_of(tree, "program", "word: arithmetic") if tree else ()
     readable = frozenset(book.named(Role.PARAMETER, Role.ADC, Role.WORD)) | model_names(book)
     written = {word: _assignment(book, word, tree, readable) for word, tree, _ in table}
-    read = frozenset[str]().union(*(names(entry.expr) for entry in written.values()))
+    states = read_states(book, digital, readable)
+    entries: tuple[Assignment | State, ...] = (*written.values(), *states.values())
+    read = frozenset[str]().union(*(names(expr) for entry in entries for expr in entry.reads))
+    for entry in entries:
+        for expr in entry.reads:
+            _check_reads(book, entry, expr, readable, states)
     written |= model_words(book, read, readable)
-    order = _order(written)
-    remember = _remember(book, digital, written)
-    dimensions = _word_dimensions(book, written, order, remember)
+    order = _order(written, states)
+    remember = _remember(book, digital, written, states)
+    dimensions = _word_dimensions(book, {word: written[word] for word in order}, states, remember)
     return Program(
         values["period"],
         values.get("compute_time"),
@@ -50,6 +60,7 @@ def read_program(book: Book) -> Program | None:
         tuple(replace(written[word], dimension=dimensions[word]) for word in order),
         {word: value for word, (value, _) in remember.items()},
         digital.place,
+        tuple(with_dimension(state, dimensions) for state in states.values()),
     )
 
 
@@ -61,23 +72,37 @@ def _assignment(book: Book, word: str, tree: Tree, readable: frozenset[str]) -> 
         expr = parse(tree.text, readable, allow_previous=True, tables=book.tables)
     except ExpressionError as error:
         raise PatchError(f"{what}: {error}", tree.place) from None
-    for name in sorted((names(expr) | previous_names(expr)) - readable):
-        _refuse(book, what, name, tree.place)
+    return Assignment(word, expr, tree.place)
+
+
+def _check_reads(
+    book: Book,
+    entry: Assignment | State,
+    expr: Node,
+    readable: frozenset[str],
+    states: Mapping[str, State],
+) -> None:
+    """Refuse names that the program cannot read, or not at that time."""
+    what, place = f"{'state' if entry.word in states else 'word'} {entry.word!r}", entry.place
+    for name in sorted((names(expr) | previous_names(expr) | next_names(expr)) - readable):
+        _refuse(book, what, name, place)
     for call in previous_calls(expr):
         for name in sorted(names(call) - set(book.named(Role.PARAMETER))):
             raise PatchError(
                 f"{what} reads {shown(to_text(call))}, but how many cycles ago cannot depend on "
                 f"{name!r}; give a whole number, or arithmetic over parameters",
-                tree.place,
+                place,
             )
     for name in sorted(previous_names(expr)):
-        if book.roles[name] is not Role.WORD:
+        if book.roles.get(name) is not Role.WORD:
             raise PatchError(
                 f"{what} reads previous({name}), but {name!r} is no word of the program; add "
                 f"the word {name}_copy: {name} and read previous({name}_copy)",
-                tree.place,
+                place,
             )
-    return Assignment(word, expr, tree.place)
+    for name in sorted(next_names(expr) - states.keys()):
+        hint = did_you_mean(name, states)
+        raise PatchError(f"{what} reads next({name}), but {name!r} is no state; {hint}", place)
 
 
 def _refuse(book: Book, what: str, name: str, place: Place) -> None:
@@ -96,35 +121,60 @@ def _refuse(book: Book, what: str, name: str, place: Place) -> None:
     raise PatchError(f"{what} reads unknown {quoted(name)}; {hint}", place)
 
 
-def _order(written: Mapping[str, Assignment]) -> tuple[str, ...]:
-    """Words so that each is computed after those it reads."""
-    needs = {word: sorted(names(a.expr) & written.keys()) for word, a in written.items()}
+# Stands for the step of all states, which needs all their rates.
+STEP = "the step"
+
+
+def _order(written: Mapping[str, Assignment], states: Mapping[str, State]) -> tuple[str, ...]:
+    """Words so that each is computed after those it reads, and after the step where it reads next()."""
+    needs = {word: _needs(assignment, written) for word, assignment in written.items()}
+    needs[STEP] = sorted({name for s in states.values() for name in names(s.expr) & written.keys()})
+    for name, state in states.items():
+        resets = [_needs(replace(state, expr=expr), written) for expr in state.reads[1:]]
+        needs[next_of(name)] = [STEP, *sorted(set[str]().union(*resets))]
     loop = find_loop(needs)
-    if loop:
-        path = " -> ".join((*loop, loop[0]))
-        raise PatchError(
-            f"circular program: {path}; read last cycle's value with previous({loop[0]})",
-            written[loop[0]].place,
-        )
-    return dependency_order(needs)
+    if not loop:
+        return tuple(word for word in dependency_order(needs) if word in written)
+    shown_ = [name for name in loop if name != STEP]
+    first = next((name for name in shown_ if name in written), shown_[0])
+    at = shown_.index(first)
+    path = " -> ".join((*shown_[at:], *shown_[:at], first))
+    stepped = [name for name in states if next_of(name) in loop]
+    advice = f"read last cycle's value with previous({first})"
+    if stepped:
+        advice = f"read {stepped[0]}, or previous({first}), in place of {next_of(stepped[0])}"
+    place = written[first].place if first in written else states[stepped[0]].place
+    raise PatchError(f"circular program: {path}; {advice}", place)
 
 
-def _remember(book: Book, digital: Table, written: Mapping[str, Assignment]) -> Remembered:
-    """First values of the words that are read with previous()."""
+def _needs(entry: Assignment | State, written: Mapping[str, Assignment]) -> list[str]:
+    """What must be computed before."""
+    read = names(entry.expr) & written.keys()
+    return sorted(read | {next_of(name) for name in next_names(entry.expr)})
+
+
+def _remember(
+    book: Book, digital: Table, written: Mapping[str, Assignment], states: Mapping[str, State]
+) -> Remembered:
+    """First values of the words that are read with previous(); a state has its initial value."""
     tree = digital.entries.get("remember")
     table = table_of(tree, "remember", "word: first value") if tree else None
     found = {}
     for word, item, place in table or ():
+        if word in states:
+            raise PatchError(f"remember: {word!r} is a state, which has its initial value", place)
         if word not in written:
             hint = did_you_mean(word, written)
             raise PatchError(f"remember: no word {quoted(word)} in the program; {hint}", place)
         found[word] = value_of(item, f"first value of {word!r}", book.scope)
-    for word, assignment in written.items():
-        for name in sorted(previous_names(assignment.expr) - found.keys()):
+    entries: tuple[Assignment | State, ...] = (*written.values(), *states.values())
+    for entry in entries:
+        read = frozenset[str]().union(*(previous_names(expr) for expr in entry.reads))
+        for name in sorted(read - found.keys() - states.keys()):
             raise PatchError(
-                f"word {word!r} reads previous({name}); give its first value in "
+                f"word {entry.word!r} reads previous({name}); give its first value in "
                 f"digital: remember: {{{name}: 0}}",
-                assignment.place,
+                entry.place,
             )
     return found
 
@@ -132,29 +182,23 @@ def _remember(book: Book, digital: Table, written: Mapping[str, Assignment]) -> 
 def _word_dimensions(
     book: Book,
     written: Mapping[str, Assignment],
-    order: tuple[str, ...],
+    states: Mapping[str, State],
     remember: Remembered,
 ) -> dict[str, Dimension | None]:
-    """Dimension of every word; two passes, since a word may use its own last value."""
+    """Dimension of every word; written: in the order in which they are computed."""
     scope: dict[str, Dimension | None] = dict(book.scope)
     scope |= {name: book.scales[name].dimension for name in book.named(Role.ADC)}
     scope |= dict.fromkeys(written)
+    scope |= {name: state.dimension for name, state in states.items()}
     for word, (_, dimension) in remember.items():
         # A bare first value says nothing about the unit.
         scope[word] = None if dimension is None or dimension.is_pure else dimension
-    for _ in range(2):
-        for word in order:
-            try:
-                found = dimension_of(written[word].expr, scope)
-            except ExpressionError as error:
-                raise PatchError(f"word {word!r}: {error}", written[word].place) from None
-            check_input(book, word, found)
-            stated = remember[word][1] if word in remember else None
-            if stated and not stated.is_pure and found not in (None, PURE, stated):
-                raise PatchError(
-                    f"word {word!r} is in {found}, but its first value under remember: is in "
-                    f"{stated}; they must agree",
-                    written[word].place,
-                )
-            scope[word] = found if found is not None else scope[word]
-    return {word: scope[word] for word in written}
+    settle_dimensions(written, states, scope, functools.partial(check_input, book))
+    for word, (_, stated) in remember.items():
+        if stated and not stated.is_pure and scope[word] not in (None, PURE, stated):
+            raise PatchError(
+                f"word {word!r} is in {scope[word]}, but its first value under remember: is in "
+                f"{stated}; they must agree",
+                written[word].place,
+            )
+    return scope

@@ -107,6 +107,7 @@ def _numbers(patch: Patch) -> list[Value]:
     if patch.program:
         program = patch.program
         optional += [program.period, program.compute_time, program.skew, *program.remember.values()]
+        optional += [state.initial for state in program.states]
     for readout in patch.readouts:
         optional += [readout.start, readout.end]
     if patch.modes:
