@@ -15,9 +15,18 @@ from hybrid.shipped import shipped_folder
 from hybrid.yamltree import Sequence, Table, Text, Tree, kind_of, read_yaml
 
 # Sections whose entries a part brings along; those of WITHIN_DIGITAL stand within `digital`.
-SECTIONS = ("parameters", "tables", "models", "analog", "interface", "program", "remember")
-WITHIN_DIGITAL = ("program", "remember")
-_NAMING = ("parameters", "tables", "models", "analog", "interface", "program")
+SECTIONS = (
+    "parameters",
+    "tables",
+    "models",
+    "analog",
+    "interface",
+    "program",
+    "states",
+    "remember",
+)
+WITHIN_DIGITAL = ("program", "states", "remember")
+_NAMING = ("parameters", "tables", "models", "analog", "interface", "program", "states")
 
 
 @dataclass(frozen=True, slots=True)
@@ -37,7 +46,9 @@ class Definition:
             return None if tree is None else table_of(tree, name, form)
         digital = self.section("digital")
         tree = digital.entries.get(name) if digital else None
-        form = "word: arithmetic" if name == "program" else "word: first value"
+        form = {"program": "word: arithmetic", "remember": "word: first value"}.get(
+            name, "state: {integrate: rate, initial: value}"
+        )
         return None if tree is None else table_of(tree, name, form)
 
     def entries(self, *sections: str) -> Iterator[tuple[str, Tree, Place]]:
@@ -51,7 +62,7 @@ class Definition:
 
     def outputs(self) -> frozenset[str]:
         """What may be read of it: what `outputs` lists, or else all its own signals and words."""
-        own = {name for name, _, _ in self.entries("analog", "interface", "program")}
+        own = {name for name, _, _ in self.entries("analog", "interface", "program", "states")}
         own |= {name for name, tree, _ in self.entries("inputs") if isinstance(tree, Text)}
         tree = self.table.entries.get("outputs")
         if tree is None:

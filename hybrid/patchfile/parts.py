@@ -121,7 +121,7 @@ class _Writer:
         for name, tree, place in of.entries("parameters"):
             self._add_parameter(scope, name, tree, place, given.get(name))
         for section in SECTIONS[1:]:
-            within = replace(scope, names=readable) if section == "program" else scope
+            within = replace(scope, names=readable) if section in WITHIN_DIGITAL else scope
             for name, tree, place in of.entries(section):
                 self.add(section, within, name, tree, place)
         for name, text in words.items():
@@ -137,6 +137,7 @@ class _Writer:
             "models": scope.model,
             "analog": scope.component,
             "interface": scope.converter,
+            "states": scope.state,
         }
         rewritten = rewrite.get(section, scope.arithmetic)(tree)
         self._put(section, scope, name, rewritten, scope.place(place))
@@ -267,8 +268,8 @@ class _Writer:
             places.setdefault(name, root.place)
         if isinstance(digital, Table):
             entries["digital"] = _digital(digital, made)
-        elif made["program"].entries:
-            word, place = next(iter(made["program"].places.items()))
+        elif words := {**made["program"].places, **made["states"].places}:
+            word, place = next(iter(words.items()))
             raise PatchError(
                 f"the word {word!r} needs a digital machine; add digital: {{period: TIME}}", place
             )

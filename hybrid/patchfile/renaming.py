@@ -14,7 +14,7 @@ from dataclasses import dataclass, field, replace
 from hybrid.components import CATALOG
 from hybrid.errors import PatchError, Place, did_you_mean, quoted
 from hybrid.expressions import RESERVED_NAMES, ExpressionError
-from hybrid.language import ADC_KEYS, DAC_KEYS, ERROR_KEYS, FULL_SCALE, Holds, Key
+from hybrid.language import ADC_KEYS, DAC_KEYS, ERROR_KEYS, FULL_SCALE, STATE_KEYS, Holds, Key
 from hybrid.modes import RESERVED_SIGNALS
 from hybrid.parsing import NAME_IN_TEXT, is_quantity, refuse_hidden_product
 from hybrid.yamltree import Sequence, Table, Text, Tree
@@ -126,6 +126,10 @@ class Scope:
     def converter(self, tree: Tree) -> Tree:
         """One entry of `interface`."""
         return self.keyed(tree, (*ADC_KEYS, *DAC_KEYS, *ERROR_KEYS))
+
+    def state(self, tree: Tree) -> Tree:
+        """One entry of `states`."""
+        return self.keyed(tree, STATE_KEYS)
 
     def model(self, tree: Tree) -> Tree:
         """One entry of `models`: what its inputs are connected to; their names are those of its file."""
