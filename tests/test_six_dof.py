@@ -1,0 +1,165 @@
+"""The digital parts of six degrees of freedom, each by itself, beside theory and tight integration."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+from scipy.integrate import solve_ivp
+from scipy.special import ellipk
+from six_dof import EARTH_RATE, free_body, local_directions, settings, tensor, turned
+
+import hybrid
+from hybrid import surroundings
+from hybrid.shipped import shipped_folder
+
+PARTS = shipped_folder() / "parts"
+INERTIA = np.array([1.0, 2.0, 3.0])
+
+
+def play(part: str, until_s: float, every_s: float, settings: dict[str, float]):
+    """A digital part by itself, its words shown in the cycle that computes them."""
+    text = (PARTS / f"{part}.yaml").read_text(encoding="utf-8")
+    head, _, _ = text.partition("\nrun:")
+    head = head.replace("  period: 10 ms", f"  period: {every_s} s\n  compute_time: 0")
+    text = f"{head}\nrun: {{until: {until_s} s}}\n"
+    result = hybrid.run(hybrid.parse_patch(text, part), settings, machine="ideal")
+    assert result.status == "complete"
+    return result.record
+
+
+@pytest.mark.parametrize("seed", [1, 2])
+def test_a_free_body_is_right_to_fourth_order(seed: int) -> None:
+    matrix, axes = tensor(INERTIA, seed)
+    start = np.array([0.3, 0.5, -0.4])
+    errors = []
+    for step in (0.1, 0.05):
+        record = play("euler_digital", 20.0, step, settings(matrix, axes @ start))
+        rates = np.array([record[name].values for name in "pqr"])
+        errors.append(np.abs(rates - axes @ free_body(INERTIA, start, record["time"].values)).max())
+    # (h^4, with terms of h^5 and h^6 that are smaller by the step times the rates, 0.1)
+    assert errors[0] < 1e-4 and 14.0 < errors[0] / errors[1] < 18.0
+
+
+def test_the_quaternion_of_a_steady_turn() -> None:
+    record = play("attitude_digital", 10.0, 0.01, {})
+    rate, time = np.array([0.3, -0.2, 0.6]), record["time"].values
+    size = np.linalg.norm(rate)
+    expected = [np.cos(size * time / 2), *np.outer(rate / size, np.sin(size * time / 2))]
+    # Local error of RK4 on q' = i (size/2) q: (size h/2)^5/120 a step, of 1000.
+    np.testing.assert_allclose(
+        [record[n].values for n in "sxyz"], expected, atol=1000 * (0.0035**5) / 120 * 1.01 + 1e-14
+    )
+
+
+PLACES = [
+    {"latitude": 0.0, "longitude": 0.0, "yaw": 0.0, "pitch": 0.0, "roll": 0.0},
+    {"latitude": 0.63, "longitude": -1.32, "yaw": 0.79, "pitch": 0.05, "roll": -0.2},
+    {"latitude": -1.1, "longitude": 2.9, "yaw": -2.5, "pitch": -1.3, "roll": 3.0},
+]
+
+
+@pytest.mark.parametrize("given", PLACES)
+@pytest.mark.parametrize("part", ["attitude", "attitude_digital"])
+def test_attitude_starts_as_yaw_pitch_and_roll_at_a_place(part: str, given: dict) -> None:
+    record = hybrid.run(PARTS / f"{part}.yaml", given, machine="ideal").record
+    found = turned(np.array([[float(record[name][int(part != "attitude")])] for name in "sxyz"]))
+    c, s = np.cos, np.sin
+    yaw, pitch, roll = (given[name] for name in ("yaw", "pitch", "roll"))
+    body = (
+        np.array([[c(yaw), -s(yaw), 0], [s(yaw), c(yaw), 0], [0, 0, 1]])
+        @ np.array([[c(pitch), 0, s(pitch)], [0, 1, 0], [-s(pitch), 0, c(pitch)]])
+        @ np.array([[1, 0, 0], [0, c(roll), -s(roll)], [0, s(roll), c(roll)]])
+    )
+    place = local_directions(np.array([given["latitude"]]), np.array([given["longitude"]]))
+    np.testing.assert_allclose(found[:, :, 0], place[:, :, 0] @ body, atol=1e-14)
+
+
+@pytest.mark.parametrize("given", PLACES)
+@pytest.mark.parametrize("length", [1.0, 0.98])
+def test_angles_are_those_that_the_attitude_starts_with(
+    tmp_path: Path, given: dict, length: float
+) -> None:
+    text = f"""
+title: Angles
+parameters: {{latitude: 0, longitude: 0, yaw: 0, pitch: 0, roll: 0}}
+parts:
+  attitude:
+    file: parts/attitude_digital.yaml
+    inputs: {{p: 0, q: 0, r: 0}}
+    parameters: {{latitude: latitude, longitude: longitude, yaw: yaw, pitch: pitch, roll: roll}}
+  angles:
+    file: parts/angles.yaml
+    inputs:
+      s: {length}*attitude.s
+      x: {length}*attitude.x
+      y: {length}*attitude.y
+      z: {length}*attitude.z
+      latitude: latitude
+      longitude: longitude - 0.4
+      turned: 0.4
+digital: {{period: 1 s, compute_time: 0}}
+run: {{until: 1 s}}
+"""
+    record = hybrid.run(hybrid.parse_patch(text), given, machine="ideal").record
+    for name in ("yaw", "pitch", "roll"):
+        difference = float(record[f"angles.{name}"][-1]) - given[name]
+        assert abs((difference + np.pi) % (2 * np.pi) - np.pi) < 1e-14, name
+
+
+@pytest.mark.parametrize(
+    ("latitude", "longitude", "height", "north", "east", "down"),
+    [(0.0, 0.0, 9144.0, 0.0, 0.0, 0.0), (0.7, -1.3, 3000.0, 120.0, -80.0, -30.0)],
+)
+def test_flight_is_that_in_axes_that_do_not_turn(
+    latitude: float, longitude: float, height: float, north: float, east: float, down: float
+) -> None:
+    """Beside an integration in inertial axes, with no word of Coriolis or centrifugal forces."""
+    given = {
+        "latitude_start": latitude,
+        "longitude_start": longitude,
+        "height_start": height,
+        "north_start": north,
+        "east_start": east,
+        "down_start": down,
+    }
+    record = play("flight", 30.0, 0.05, given)
+    time = record["time"].values
+    earth = np.array([0.0, 0.0, EARTH_RATE])
+    place = np.array(surroundings.earth_fixed(latitude, longitude, height))
+    axes = local_directions(np.array([latitude]), np.array([longitude]))[:, :, 0]
+    speed = axes @ [north, east, down] + np.cross(earth, place)
+
+    def rates(_: float, y: np.ndarray) -> np.ndarray:
+        field = surroundings.WGS84_GM, surroundings.WGS84_RADIUS_M, surroundings.WGS84_J2
+        return np.array([*y[3:], *surroundings.gravity_j2(*y[:3], *field)])
+
+    flown = solve_ivp(rates, (0, 30), [*place, *speed], "DOP853", time, rtol=1e-13, atol=1e-6).y
+    c, s = np.cos(EARTH_RATE * time), np.sin(EARTH_RATE * time)
+    fixed = np.array([c * flown[0] + s * flown[1], c * flown[1] - s * flown[0], flown[2]])
+    found = np.array([record[name].values for name in "xyz"])
+    # Distances of 6.4e6 m in double precision, summed over 600 cycles.
+    np.testing.assert_allclose(found, fixed, rtol=0, atol=1e-6)
+    lat, lon, high = np.transpose([surroundings.geodetic(*p) for p in fixed.T])
+    np.testing.assert_allclose(record["latitude"], lat, atol=1e-12)
+    np.testing.assert_allclose(record["longitude"], lon, atol=1e-12)
+    np.testing.assert_allclose(record["height"], high, atol=2e-6)
+    told = [float(record[name][0]) for name in ("north", "east", "down")]
+    np.testing.assert_allclose(told, [north, east, down], atol=1e-12)
+    np.testing.assert_allclose(record["turned"], EARTH_RATE * time, atol=1e-15)
+
+
+def test_a_cylinder_swings_like_a_pendulum_of_twice_the_angle() -> None:
+    """theta'' = -(3/2) n^2 k sin 2 theta in a circular orbit, k = (Iyy - Ixx)/Izz."""
+    record = hybrid.run("orbiting_cylinder_digital").record
+    angle = np.arctan2(record["orbit.y"], record["orbit.x"]).values
+    axis = 2 * np.arctan2(record["attitude.z"], record["attitude.s"]).values
+    swing = (axis - angle + np.pi / 2) % np.pi - np.pi / 2
+    time, rate = record["time"].values, np.sqrt(3.986004415e14 / 6778e3**3)
+    period = 4 * ellipk(np.sin(np.radians(5)) ** 2) / (rate * np.sqrt(3 * 11750 / 12250))
+    falls = np.flatnonzero((swing[:-1] > 0) & (swing[1:] <= 0))
+    crossings = [np.interp(0, -swing[i : i + 2], time[i : i + 2]) for i in falls]
+    # A row a minute: the chord is off by at most (w h)^2/8 of the amplitude, 0.18 % of 1/w or 0.9 s.
+    np.testing.assert_allclose(crossings, period * (0.25 + np.arange(len(crossings))), atol=0.9)
+    assert len(crossings) >= 2 and np.degrees(swing.max()) == pytest.approx(5.0, abs=0.01)
