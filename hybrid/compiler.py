@@ -202,9 +202,7 @@ def _output_stage(
     if noise == 0 and isinstance(part, Component) and part.kind == "constant":
         tau = 0.0  # settled before the run and never moves again: its lag would cost and do nothing
     step_mu = _step_mu(part.bits, 1.0, preset) if isinstance(part, Dac) else 0.0
-    return OutputStage(
-        tau, gain, offset, noise, figure("saturation"), step_mu, resolution
-    )
+    return OutputStage(tau, gain, offset, noise, figure("saturation"), step_mu, resolution)
 
 
 def _error_figure(key: str, value: Value, scope: Mapping[str, float]) -> float:

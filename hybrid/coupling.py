@@ -25,7 +25,7 @@ from hybrid.expressions import Name
 from hybrid.layout import build_analog
 from hybrid.linearity import NotLinear, linear_program
 from hybrid.machine import Analog, Floats, Machine, OutputStage
-from hybrid.patch import Patch, RunSettings, literal
+from hybrid.patch import Patch, RunSettings, WordSettings, literal
 from hybrid.scale import to_seconds
 from hybrid.tape import build_tape
 from hybrid.timeline import Happening, Segment, build_timeline
@@ -248,7 +248,8 @@ def _ideal_once(patch: Patch, bound: tuple[tuple[str, float], ...]) -> Complex:
     if patch.program:
         b, c, d = converter_paths(patch, analog)
         adcs = tuple(sorted(adc.name for adc in patch.adcs))
-        program = linear_program(build_tape(patch.program, adcs, scope, 0.0), len(adcs))
+        perfect = replace(patch.program, word=WordSettings(), lengths={})
+        program = linear_program(build_tape(perfect, adcs, scope, 0.0), len(adcs))
         words, rates = program.steady()
         sampled, integrated = np.s_[: len(adcs)], np.s_[len(adcs) : -1]
         loop = np.eye(len(words)) - words[:, sampled] @ d

@@ -25,6 +25,7 @@ from hybrid.units import (
     split_quantity,
     unit_of,
 )
+from hybrid.wordlength import FEWEST_BITS, MOST_BITS, MOST_FIXED_BITS
 from hybrid.yamltree import Sequence, Table, Text, Tree, kind_of
 
 Scope = Mapping[str, Dimension | None]
@@ -42,6 +43,8 @@ RANGES: Mapping[str, tuple[int, int]] = {
     "order": (1, 10),
     "quarter_square": (1, 200),
     "operations": (1, 100_000),
+    "mantissa": (FEWEST_BITS, MOST_BITS),
+    "fixed": (FEWEST_BITS, MOST_FIXED_BITS),
 }
 LONGEST_LINE = 200  # of a title
 # The record's coordinate, which no signal may hide.

@@ -17,14 +17,16 @@ The names made here (rate(x), next(x), ...) are no names a patch can have.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 
 from hybrid.expressions import Binary, Call, Name, Node, Number, names, next_names, renamed
 from hybrid.formulas import MULTISTEP, RUNGE_KUTTA, past_rates, starter
-from hybrid.patch import Program, State
+from hybrid.patch import Program, State, Value
 
+# Counts the cycles down in which formulas start; it is no word, and is never rounded.
 TO_START = "cycles to start"
+TO_START_NEXT = f"{TO_START} next"
 
 
 @dataclass(frozen=True, slots=True)
@@ -88,8 +90,11 @@ def written_out(program: Program, step_s: float) -> Iterator[Statement | Branch]
         yield from _resets(word, waiting)
 
 
-def kept(program: Program, scope: Mapping[str, float]) -> tuple[Kept, ...]:
-    """What states and formulas hand over to the next cycle, in the order in which it changes."""
+def kept(program: Program, first_of: Callable[[str, Value], float]) -> tuple[Kept, ...]:
+    """What states and formulas hand over to the next cycle, in the order in which it changes.
+
+    first_of: what a word makes of the initial value written for it.
+    """
     found = []
     longest = max((past_rates(state.formula) for state in program.states), default=0)
     for state in program.states:
@@ -97,11 +102,11 @@ def kept(program: Program, scope: Mapping[str, float]) -> tuple[Kept, ...]:
             source = rate_of(state.word, ago - 1)
             found.append(Kept(rate_of(state.word, ago), source, 0.0, state.word))
     for state in program.states:
-        first = state.initial.number(scope)
+        first = first_of(state.word, state.initial)
         found.append(Kept(state.word, next_of(state.word), first, state.word))
     if longest:
         word = program.states[0].word
-        found.append(Kept(TO_START, f"{TO_START} next", float(longest), word))
+        found.append(Kept(TO_START, TO_START_NEXT, float(longest), word))
     return tuple(found)
 
 
@@ -140,7 +145,7 @@ def _step(program: Program, step_s: float) -> Iterator[Statement | Branch]:
         yield Branch(condition, statements, word)
     if longest:
         one_less = Call("max", (Binary("-", left, Number(1.0)), Number(0.0)))
-        yield Statement(f"{TO_START} next", one_less, word)
+        yield Statement(TO_START_NEXT, one_less, word)
 
 
 def _stepped_by(

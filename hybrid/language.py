@@ -172,6 +172,8 @@ DIGITAL_KEYS = (
         Holds.TERMS,
         "first values of the words read with previous(...)",
     ),
+    Key("word", Holds.TEXT, "word length: float64, float32, or a mapping", default="float64"),
+    Key("words", Holds.TERMS, "word lengths of single words and states", default="that of word"),
     Key("program", Holds.TERMS, "assignments, word: arithmetic; needed where there are no states"),
     Key("states", Holds.TERMS, "words that the program integrates, state: {integrate: rate, ...}"),
     Key(
@@ -180,6 +182,32 @@ DIGITAL_KEYS = (
         "integration formula of the states that name none",
         default=DEFAULT_FORMULA,
     ),
+)
+
+WORD_LENGTHS = (
+    "float64, float32, {mantissa: 20, rounding: truncate}, "
+    "{fixed: 24, full_scale: 100 m, rounding: nearest, overflow: saturate}"
+)
+ROUNDINGS = ("nearest", "truncate")
+OVERFLOWS = ("stop", "saturate", "wrap")
+WORD_KEYS = (
+    Key("mantissa", Holds.INTEGER, "floating point of so many significant bits"),
+    Key("fixed", Holds.INTEGER, "fixed point of so many bits, sign included"),
+    Key(
+        "rounding",
+        Holds.TEXT,
+        "nearest (ties to even) or truncate (mantissa: towards zero, fixed: towards minus infinity)",
+        default=ROUNDINGS[0],
+    ),
+    Key(
+        "full_scale",
+        Holds.QUANTITY,
+        "of fixed point: range of the word and of all that is computed for it",
+        Unit.ANY,
+        Bound.POSITIVE,
+        default="1",
+    ),
+    Key("overflow", Holds.TEXT, "of fixed point: stop, saturate or wrap", default=OVERFLOWS[0]),
 )
 
 STATE_KEYS = (

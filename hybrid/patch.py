@@ -18,6 +18,7 @@ from hybrid.graph import dependency_order, find_loop
 from hybrid.language import DEFAULT_ROWS
 from hybrid.modes import RESERVED_SIGNALS
 from hybrid.units import PURE, Dimension
+from hybrid.wordlength import Kind, Overflow, WordLength
 
 
 @dataclass(frozen=True, slots=True)
@@ -167,6 +168,23 @@ class State:
 
 
 @dataclass(frozen=True, slots=True)
+class WordSettings:
+    """A word length, its full scale still an expression over parameters."""
+
+    kind: Kind = Kind.DOUBLE
+    bits: int = 53
+    cuts: bool = False
+    full_scale: Value | None = None
+    overflow: Overflow = Overflow.STOP
+    place: Place = NOWHERE
+
+    def bound(self, scope: Mapping[str, float]) -> WordLength:
+        """The word length in numbers."""
+        full_scale = self.full_scale.number(scope) if self.full_scale else 1.0
+        return WordLength(self.kind, self.bits, self.cuts, full_scale, self.overflow)
+
+
+@dataclass(frozen=True, slots=True)
 class Program:
     """The digital machine's program and its clock; assignments in the order they are computed."""
 
@@ -177,6 +195,10 @@ class Program:
     remember: Mapping[str, Value]
     place: Place = NOWHERE
     states: tuple[State, ...] = ()  # by name
+    word: WordSettings = WordSettings()
+    lengths: Mapping[str, WordSettings] = field(
+        default_factory=dict
+    )  # of words that have their own
 
     @property
     def written(self) -> tuple[Assignment | State, ...]:

@@ -66,12 +66,14 @@ def _units_of(patch: Patch) -> Mapping[str, tuple[str, float]]:
 
 
 def full_scales(machine: Machine) -> dict[str, float]:
-    """Full scale of each analog and ADC signal in the unit it is shown in; words have none."""
+    """Full scale of each analog and ADC signal, and of fixed-point words, in the unit it is shown in."""
     units = signal_units(machine)
     scales = dict(zip(machine.analog.signals, machine.analog.full_scale.tolist(), strict=True))
     found = {name: scale / units[name][1] for name, scale in scales.items()}
     for sampler in machine.samplers:
         found[sampler.name] = sampler.range_mu * sampler.to_si / units[sampler.name][1]
+    for word, length in machine.tape.fixed.items():
+        found[word] = length.full_scale / units[word][1]
     return found
 
 

@@ -231,6 +231,12 @@ def ending(player: Player) -> tuple[str, str]:
             f"stopped at {first.time_s:.9g} s: {first.signal} is beyond its full scale, and run: has "
             "on_overload: stop"
         )
+    if player.outcome == kernel.OVERFLOWED:
+        words = [o.signal for o in player.overloads() if o.signal in player.machine.tape.words]
+        return "stopped", (
+            f"stopped at {player.done_s:.9g} s: {words[-1]} does not fit into its word, whose overflow "
+            "is to stop the run"
+        )
     if player.outcome == kernel.CHATTERS:
         return "stopped", (
             f"stopped at {player.done_s:.6g} s: a comparator or limiter chatters: give it hysteresis, "

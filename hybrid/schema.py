@@ -55,6 +55,8 @@ _INTEGER_EXAMPLES = {
     "order": 4,
     "quarter_square": 23,
     "operations": 10,
+    "mantissa": 20,
+    "fixed": 24,
 }
 _TEXT_EXAMPLES = {
     "title": EXAMPLE["title"],
@@ -187,11 +189,24 @@ def _signal_names() -> dict[str, Any]:
 def _digital(keys: Iterable[Key]) -> dict[str, Any]:
     """The digital machine: its states have keys of their own."""
     made = _object(keys)
+    length = {"anyOf": [{"enum": ["float64", "float32"]}, _word_length()]}
+    words = {**_map(length, {}), "examples": [{"moment_word": "float32"}]}
+    for key, content in (("word", {**length, "examples": ["float32"]}), ("words", words)):
+        if key in made["properties"]:
+            doc = made["properties"][key]["description"]
+            made["properties"][key] = {**content, "description": doc}
     states = made["properties"]["states"]
     states.update({**_map(_object(language.STATE_KEYS), _signal_names()), "minProperties": 1})
     state = states["additionalProperties"]
     state["dependentRequired"] = {"reset_when": ["reset_to"], "reset_to": ["reset_when"]}
     return made
+
+
+def _word_length() -> dict[str, Any]:
+    """Floating point of so many bits, or fixed point, which has a scale and overflows."""
+    made = _object(language.WORD_KEYS)
+    floating = {"required": ["mantissa"], "properties": {"full_scale": False, "overflow": False}}
+    return {**made, "oneOf": [floating, {"required": ["fixed"]}]}
 
 
 def _modes() -> dict[str, Any]:
@@ -239,6 +254,9 @@ def _holds(key: Key) -> dict[str, Any]:
         return _preset()
     if key.name == "on_overload":
         return {"enum": list(ON_OVERLOAD), "examples": ["stop"]}
+    if key.name in ("rounding", "overflow"):
+        valid = language.ROUNDINGS if key.name == "rounding" else language.OVERFLOWS
+        return {"enum": list(valid), "examples": [valid[-1]]}
     if key.name in ("integration", "formula"):
         return {"enum": list(FORMULAS), "examples": ["rk4"]}
     if key.holds in (Holds.QUANTITY, Holds.EITHER):
@@ -292,6 +310,7 @@ def reference() -> str:
         ("models", language.MODEL_KEYS),
         ("digital", language.DIGITAL_KEYS),
         ("digital, states", language.STATE_KEYS),
+        ("digital, word and words", language.WORD_KEYS),
         ("modes", language.MODES_KEYS),
         ("run", language.RUN_KEYS),
         ("parts", language.PART_KEYS),

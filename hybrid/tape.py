@@ -34,6 +34,7 @@ from hybrid.expressions import (
 from hybrid.helpers import Helper
 from hybrid.integration import (
     TO_START,
+    TO_START_NEXT,
     Branch,
     Statement,
     kept,
@@ -42,8 +43,9 @@ from hybrid.integration import (
     stepped_of,
     written_out,
 )
-from hybrid.patch import Program
+from hybrid.patch import Program, Value
 from hybrid.tables import CONTINUES, Table
+from hybrid.wordlength import FLOAT64, Kind, WordLength
 
 
 class Op(IntEnum):
@@ -177,7 +179,10 @@ class Tape:
     places: tuple[Place, ...]  # of the words in the patch file
     states: npt.NDArray[np.int32]  # (states, 2): register of the state, of its rate
     starting: int | None  # register that counts the cycles down in which formulas start
-    sites: tuple[Site, ...] = ()
+    sites: tuple[Site, ...]
+    length_of: npt.NDArray[np.int32]  # (operations,): row of `lengths`; () where all are doubles
+    lengths: npt.NDArray[np.float64]  # (word lengths, figures)
+    fixed: Mapping[str, WordLength]  # of the words in fixed point
 
 
 class _Builder:
@@ -186,7 +191,6 @@ class _Builder:
     def __init__(self, program: Program | None, scope: Mapping[str, float]) -> None:
         self.scope = scope
         self.remember = program.remember if program else {}
-        self.kept = kept(program, scope) if program else ()
         self.words = program.words if program else ()
         self.stepped = [stepped_of(state) for state in program.states] if program else []
         self.values: list[float] = []
@@ -199,12 +203,20 @@ class _Builder:
         self.owner: list[int] = []
         self.sites: list[Site] = []
         self.word = ""  # which is being compiled
+        usual = program.word.bound(scope) if program else FLOAT64
+        self.length = dict.fromkeys(self.words, usual)
+        if program:
+            self.length |= {word: own.bound(scope) for word, own in program.lengths.items()}
+        self.kept = kept(program, self.first_of) if program else ()
+        self.rounding = FLOAT64  # of what is being computed
+        self.length_of: list[WordLength] = []
 
     def register(self, value: float = 0.0) -> int:
         self.values.append(value)
         return len(self.values) - 1
 
     def constant(self, value: float) -> int:
+        value = self.rounding.constant(value)
         if value not in self.constants:
             self.constants[value] = self.register(value)
         return self.constants[value]
@@ -243,8 +255,9 @@ class _Builder:
     def call(self, op: Op, arguments: tuple[Node, ...]) -> int:
         held = [self.compute(argument) for argument in arguments]
         if op >= Op.SELECT:
-            target = self.emit(Op.COPY, held[0])
-            self.code.append((op, target, held[1], held[2]))
+            target = self.register()
+            self.append(Op.COPY, target, held[0], exact=True)
+            self.append(op, target, held[1], held[2])
             return target
         if op not in (Op.MIN, Op.MAX):
             return self.emit(op, *held)
@@ -289,13 +302,18 @@ class _Builder:
         """An operation whose arguments are first copied side by side."""
         block = [self.register() for _ in held]
         for target, source in zip(block, held, strict=True):
-            self.code.append((Op.COPY, target, source, 0))
+            self.append(Op.COPY, target, source, exact=True)
         return self.emit(op, block[0], site)
 
     def emit(self, op: Op, a: int, b: int = 0) -> int:
         target = self.register()
-        self.code.append((op, target, a, b))
+        # What is true or false has nothing to round.
+        self.append(op, target, a, b, exact=Op.NOT <= op <= Op.SKIP)
         return target
+
+    def append(self, op: Op, target: int, a: int, b: int = 0, exact: bool = False) -> None:
+        self.code.append((op, target, a, b))
+        self.length_of.append(FLOAT64 if exact else self.rounding)
 
     def cycles(self, node: Node, argument: Node) -> int:
         """How many cycles ago; arithmetic such as delay/period need be whole but for rounding."""
@@ -323,8 +341,20 @@ class _Builder:
     def first_value(self, word: str) -> float:
         """What previous(word) gives in the first cycles; of a state, its initial value."""
         if word in self.remember:
-            return self.remember[word].number(self.scope)
+            return self.first_of(word, self.remember[word])
         return next(entry.first for entry in self.kept if entry.name == word)
+
+    def first_of(self, word: str, first: Value) -> float:
+        """A first value as the word holds it; raises PatchError where it does not fit."""
+        value = first.number(self.scope)
+        try:
+            return self.length[word].stored(value)
+        except OverflowError:
+            raise PatchError(
+                f"{first.what} is {value:g} in SI units, which does not fit into the word of {word!r}; "
+                f"its full_scale is {self.length[word].full_scale:g}",
+                first.place,
+            ) from None
 
     def fix_registers(self, adcs: Sequence[str]) -> None:
         """Give a register to all that is read before it is computed, or is computed in branches."""
@@ -339,6 +369,7 @@ class _Builder:
         """Append the operations of a statement, or of those that a condition guards."""
         before = len(self.code)
         if isinstance(part, Branch):
+            self.rounding = FLOAT64
             self.emit(Op.SKIP, self.compute(part.condition))
             skip = len(self.code) - 1
         self.owner += [self.words.index(part.word)] * (len(self.code) - before)
@@ -348,15 +379,17 @@ class _Builder:
         for statement in part.statements:
             self.assign(statement)
         op, target, condition, _ = self.code[skip]
+        self.rounding = FLOAT64
         skipped = self.constant(float(len(self.code) - skip - 1))
         self.code[skip] = (op, target, condition, skipped)
 
     def assign(self, part: Statement) -> None:
         """Compute a statement; into its register where it has one for good."""
         before, self.word = len(self.code), part.word
+        self.rounding = FLOAT64 if part.name == TO_START_NEXT else self.length[part.word]
         result = self.compute(part.expr)
         if part.name in self.fixed:
-            self.code.append((Op.COPY, self.place[part.name], result, 0))
+            self.append(Op.COPY, self.place[part.name], result)
         else:
             self.place[part.name] = result
         self.owner += [self.words.index(part.word)] * (len(self.code) - before)
@@ -392,4 +425,17 @@ def build_tape(
         np.array(states, dtype=np.int32).reshape(-1, 2),
         build.place.get(TO_START),
         tuple(build.sites),
+        *_word_lengths(build.length_of),
+        {word: own for word, own in build.length.items() if own.kind is Kind.FIXED},
     )
+
+
+def _word_lengths(
+    length_of: Sequence[WordLength],
+) -> tuple[npt.NDArray[np.int32], npt.NDArray[np.float64]]:
+    """Which word length each operation has, and these; nothing where all are doubles."""
+    distinct = list(dict.fromkeys((FLOAT64, *length_of)))
+    rows = np.array([length.row for length in distinct])
+    if len(distinct) == 1:
+        return np.zeros(0, dtype=np.int32), rows
+    return np.array([distinct.index(length) for length in length_of], dtype=np.int32), rows

@@ -31,6 +31,7 @@ EVERY_KEY = {
         language.DAC_KEYS,
         language.DIGITAL_KEYS,
         language.STATE_KEYS,
+        language.WORD_KEYS,
         language.MODES_KEYS,
         language.RUN_KEYS,
         language.PART_KEYS,

@@ -26,3 +26,8 @@ def inlined(function: Any) -> Any:
     return numba.njit(
         cache=True, nogil=True, error_model="numpy", fastmath={"contract"}, inline="always"
     )(function)
+
+
+def strictly(function: Any) -> Any:
+    """As `compiled`, but with every operation as it is written: none is fused with another."""
+    return numba.njit(cache=True, nogil=True, error_model="numpy")(function)

@@ -18,6 +18,7 @@ import numpy.typing as npt
 from hybrid.engine import library
 from hybrid.engine.arithmetic import remember, run_tape
 from hybrid.engine.compiling import compiled, inlined
+from hybrid.engine.rounding import BITS, OVERFLOW, STEP, STOP, code_of, run_rounded, within
 
 Floats = npt.NDArray[np.float64]
 Ints = npt.NDArray[np.int64]
@@ -68,6 +69,9 @@ class Deck(NamedTuple):
     memory: npt.NDArray[np.int32]
     figures: Floats  # of its tables, see `lookup`
     layout: Ints  # (sites, columns)
+    length_of: npt.NDArray[np.int32]  # (operations,): row of `lengths`; () where all are doubles
+    lengths: Floats
+    owner: npt.NDArray[np.int32]  # (operations,): the word each helps to compute
 
 
 class Pens(NamedTuple):
@@ -87,8 +91,8 @@ class State(NamedTuple):
     ring: Floats  # (depth, words): results on their way
     words: Floats  # (words,): results that can be read
     counts: Ints  # see the constants below
-    overload: Ints  # (signals + adcs + dacs, 6): see the constants below
-    beyond: Floats  # (signals + adcs + dacs, 2): first and worst value
+    overload: Ints  # (signals + adcs + dacs + words, 6): see the constants below
+    beyond: Floats  # (signals + adcs + dacs + words, 2): first and worst value
     outside: Floats  # (sites of the tape + 1, 6): see `library`
     asked: Floats  # (sites, 4): arguments of tables
     intervals: Ints  # (sites, 4): where they lay
@@ -106,9 +110,11 @@ NEVER, NEXT, AT_ONCE = range(3)
 TIMES, FIRST_REPEAT, FIRST_INSTANT, WORST_REPEAT, WORST_INSTANT, LAST = range(6)
 
 # Why the kernel came back.
+# OVERFLOWED: a word of the program that is to stop the run.
 # WAITING: no propagators, so the caller must advance the analog side or let it follow a jump.
 # OUTSIDE: a function of the program was asked beyond its range and is to stop the run there.
-DONE, PAUSED, RUNAWAY, NOT_FINITE, WAITING, CHATTERS, NOT_RESOLVED, OVERLOADED, OUTSIDE = range(9)
+DONE, PAUSED, RUNAWAY, NOT_FINITE, WAITING, CHATTERS, NOT_RESOLVED, OVERLOADED = range(8)
+OUTSIDE, OVERFLOWED = 8, 9
 
 # Beyond this many machine units a run means nothing any more and soon overflows.
 RUNAWAY_MU = 1e12
@@ -168,6 +174,38 @@ def any_noted(notes: Ints) -> bool:
 
 
 @compiled
+def play_rounded(deck: Deck, state: State, row: int, repeat: int, at: int, last: int) -> bool:
+    """Compute a cycle of limited word length; whether a word overflowed that is to stop the run.
+
+    row: of the notes, the first for words. Values noted are in full scales of the word.
+    """
+    code, length_of, lengths, owner = deck.code, deck.length_of, deck.lengths, deck.owner
+    r, notes, values = state.registers, state.overload, state.beyond
+    stop, k = False, 0
+    while True:
+        k = run_rounded(
+            code,
+            length_of,
+            lengths,
+            r,
+            k,
+            deck.figures,
+            deck.layout,
+            state.outside,
+            state.asked,
+            state.intervals,
+        )
+        if k == code.shape[0]:
+            return stop
+        length, target = lengths[length_of[k]], code[k, 1]
+        full_scale = math.ldexp(length[STEP], int(length[BITS]) - 1)
+        note_overload(notes, values, row + owner[k], r[target] / full_scale, repeat, at, last)
+        stop |= length[OVERFLOW] == STOP
+        r[target] = within(code_of(r[target], length), length) * length[STEP]
+        k += 1
+
+
+@compiled
 def play(
     score: Score,
     plant: Plant,
@@ -192,7 +230,8 @@ def play(
     cues = score.cues
     change, kept, draws, signal, reach = plant
     adc, adc_figures, dac, dac_figures, steps, step_values = coupling
-    code, word_registers, memory, figures, layout = deck
+    code, word_registers, memory, figures, layout = deck[:5]
+    limited = deck.length_of.shape[0] > 0  # the word length
     source, factor = pens
     v, next_v, sample, registers, ring, words, count, notes, values, outside = state[:10]
     asked, intervals = state.asked, state.intervals
@@ -266,9 +305,17 @@ def play(
                 clock = outside.shape[0] - 1
                 outside[clock, library.REPEAT] = repeat
                 outside[clock, library.INSTANT] = cues[at, 2]
-                run_tape(code, registers, figures, layout, outside, asked, intervals)
+                if not limited:
+                    run_tape(code, registers, figures, layout, outside, asked, intervals)
+                elif play_rounded(
+                    deck, state, signals + adcs + dac.shape[0], repeat, cues[at, 2], last
+                ):
+                    outcome = OVERFLOWED
+                elif stops != NEVER and any_noted(notes):
+                    outcome = OVERLOADED
                 if outside[clock, library.TIMES] > 0.0:
                     outcome = OUTSIDE
+                if outcome != PAUSED:
                     break
                 for w in range(word_registers.shape[0]):
                     ring[started, w] = registers[word_registers[w]]
@@ -354,14 +401,17 @@ def is_compiled(function: Any = None, argument: str = "") -> bool:
         return True
 
 
+# Modules outside this folder whose constants are compiled in.
+SOURCES = ("tape.py", "elements.py", "surroundings.py", "wordlength.py")
+
+
 def forget_stale_kernels() -> None:
     """Remove compiled functions that are older than the newest source they may be made of.
 
     numba looks at the module of a function only, and would go on with what it called in another one.
     """
     here = Path(__file__).parent
-    beside = (here.parent / name for name in ("tape.py", "elements.py", "surroundings.py"))
-    sources = [*here.glob("*.py"), *beside]
+    sources = [*here.glob("*.py"), *(here.parent / name for name in SOURCES)]
     newest = max(source.stat().st_mtime for source in sources)
     with contextlib.suppress(AttributeError, OSError):
         for index in Path(play._cache.cache_path).glob("*.nbi"):

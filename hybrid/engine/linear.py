@@ -164,6 +164,7 @@ class Player:
             *self.machine.analog.signals,
             *(s.name for s in self.machine.samplers),
             *(h.name + DAC_SUFFIX for h in self.machine.holders),
+            *self.machine.tape.words,
         ]
         found = [Overload(names[row], *facts) for row, facts in self._overload_s.items()]
         return tuple(sorted(found, key=lambda o: (o.time_s, o.signal)))
@@ -364,7 +365,16 @@ def _coupling(machine: Machine) -> Coupling:
 def _deck(machine: Machine) -> Deck:
     tape = machine.tape
     tables = pack([site.table for site in tape.sites])
-    return Deck(tape.code, tape.word_registers, tape.memory, *tables)
+    owner = np.array(tape.owner, dtype=np.int32)
+    return Deck(
+        tape.code,
+        tape.word_registers,
+        tape.memory,
+        *tables,
+        tape.length_of,
+        tape.lengths,
+        owner,
+    )
 
 
 def _pens(machine: Machine, pens: tuple[Pen, ...]) -> Pens:
@@ -381,7 +391,7 @@ def _state(machine: Machine, plant: Plant) -> State:
     analog, timing = machine.analog, machine.timing
     latency = timing.compute // timing.period + 2 if timing.period else 1
     words = len(machine.tape.words)
-    watched = len(analog.signals) + len(machine.samplers) + len(machine.holders)
+    watched = len(analog.signals) + len(machine.samplers) + len(machine.holders) + words
     z = np.concatenate([analog.x0, analog.u0])
     sums = list(_sums(machine))
     rank = plant.change.shape[2] - len(analog.x0) - len(analog.u0)

@@ -26,6 +26,7 @@ from hybrid.patch import Assignment, Program, State, Value
 from hybrid.patchfile.book import Book, Role
 from hybrid.patchfile.models import check_input, model_names, model_words, refuse_model_name
 from hybrid.patchfile.states import read_states, settle_dimensions, with_dimension
+from hybrid.patchfile.wordlengths import read_word_length, read_word_lengths
 from hybrid.units import PURE, Dimension
 from hybrid.yamltree import Table, Text, Tree
 
@@ -61,6 +62,8 @@ def read_program(book: Book) -> Program | None:
         {word: value for word, (value, _) in remember.items()},
         digital.place,
         tuple(with_dimension(state, dimensions) for state in states.values()),
+        read_word_length(book, digital),
+        read_word_lengths(book, digital, dimensions, frozenset((*written, *states))),
     )
 
 

@@ -108,6 +108,7 @@ def _numbers(patch: Patch) -> list[Value]:
         program = patch.program
         optional += [program.period, program.compute_time, program.skew, *program.remember.values()]
         optional += [state.initial for state in program.states]
+        optional += [length.full_scale for length in (program.word, *program.lengths.values())]
     for readout in patch.readouts:
         optional += [readout.start, readout.end]
     if patch.modes:

@@ -96,8 +96,8 @@ def settle_dimensions(
     """Find the dimension of every word and state, in `scope`; raises PatchError where two conflict.
 
     written: in the order in which they are computed. A word may use its own last value, and a state has
-    the dimension of its rate times a time, so it takes passes until nothing new is found. check: may
-    refuse the dimension of any word.
+    the dimension of its rate times a time, so it takes passes until nothing new is found. check: of each
+    word, may refuse its dimension.
     """
     for _ in range(len(states) + 2):
         before = dict(scope)
