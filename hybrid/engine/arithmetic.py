@@ -138,7 +138,48 @@ def is_true(op: int, a: float, b: float) -> bool:
 
 
 @inlined
-def run_tape(
+def operate(op: int, held: float, a: float, b: float) -> float:
+    """Any operation of two operands but SKIP; arithmetic first, as there is most of it."""
+    if op == COPY:
+        result = a
+    elif op == ADD:
+        result = a + b
+    elif op == SUB:
+        result = a - b
+    elif op == MUL:
+        result = a * b
+    elif op == DIV:
+        result = a / b
+    elif op == NEG:
+        result = -a
+    elif op == POW:
+        result = a**b
+    else:
+        result = compute_function(op, held, a, b)
+    return result
+
+
+@inlined
+def run_tape(code: npt.NDArray[np.int32], r: Floats) -> None:
+    """Play the operations of one cycle on registers `r`, of a program without tables and helpers.
+
+    It is in the kernel's common path: calls with arrays, as these need them, would count references.
+    """
+    k = 0
+    while k < code.shape[0]:
+        op, target, a, b = code[k, 0], code[k, 1], r[code[k, 2]], r[code[k, 3]]
+        if op == SKIP:
+            result = a
+            if a == 0.0:
+                k += int(b)
+        else:
+            result = operate(op, r[target], a, b)
+        r[target] = result
+        k += 1
+
+
+@compiled
+def run_wide(
     code: npt.NDArray[np.int32],
     r: Floats,
     figures: Floats,
@@ -147,35 +188,20 @@ def run_tape(
     asked: Floats,
     intervals: Ints,
 ) -> None:
-    """Play the operations of one cycle on registers `r`."""
+    """Play the operations of one cycle on registers `r`, of any program."""
     k = 0
     while k < code.shape[0]:
-        op, target, a, b = code[k, 0], code[k, 1], r[code[k, 2]], r[code[k, 3]]
-        if op == COPY:
-            result = a
-        elif op == ADD:
-            result = a + b
-        elif op == SUB:
-            result = a - b
-        elif op == MUL:
-            result = a * b
-        elif op == DIV:
-            result = a / b
-        elif op == NEG:
-            result = -a
-        elif op == POW:
-            result = a**b
-        elif op == LOOK_UP:
-            at, site = code[k, 2], code[k, 3]
+        op, target, at, site = code[k, 0], code[k, 1], code[k, 2], code[k, 3]
+        if op == LOOK_UP:
             result = look_up(r, at, site, figures, layout, asked, intervals, outside)
         elif op >= WIDE:
-            result = compute_helper(op, r, code[k, 2], code[k, 3], outside)
+            result = compute_helper(op, r, at, site, outside)
         elif op == SKIP:
-            result = a
-            if a == 0.0:
-                k += int(b)
+            result = r[at]
+            if result == 0.0:
+                k += int(r[site])
         else:
-            result = compute_function(op, r[target], a, b)
+            result = operate(op, r[target], r[at], r[site])
         r[target] = result
         k += 1
 

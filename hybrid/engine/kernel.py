@@ -16,7 +16,7 @@ import numpy as np
 import numpy.typing as npt
 
 from hybrid.engine import library
-from hybrid.engine.arithmetic import remember, run_tape
+from hybrid.engine.arithmetic import remember, run_tape, run_wide
 from hybrid.engine.compiling import compiled, inlined
 from hybrid.engine.rounding import BITS, OVERFLOW, STEP, STOP, code_of, run_rounded, within
 
@@ -72,6 +72,7 @@ class Deck(NamedTuple):
     length_of: npt.NDArray[np.int32]  # (operations,): row of `lengths`; () where all are doubles
     lengths: Floats
     owner: npt.NDArray[np.int32]  # (operations,): the word each helps to compute
+    wide: Ints  # (1,): how many operations have their arguments side by side
 
 
 class Pens(NamedTuple):
@@ -235,6 +236,7 @@ def play(
     source, factor = pens
     v, next_v, sample, registers, ring, words, count, notes, values, outside = state[:10]
     asked, intervals = state.asked, state.intervals
+    plain, clock = not limited and deck.wide[0] == 0, outside.shape[0] - 1
     signals, adcs, depth = signal.shape[0], adc.shape[0], ring.shape[0]
     blocks, columns = change.shape[1], change.shape[2]
     inputs, sums, inputs_at = reach.shape[0], reach.shape[1], kept.shape[0]
@@ -302,21 +304,23 @@ def play(
                     outcome = OVERLOADED
                     break
             elif cue == START:
-                clock = outside.shape[0] - 1
-                outside[clock, library.REPEAT] = repeat
-                outside[clock, library.INSTANT] = cues[at, 2]
-                if not limited:
-                    run_tape(code, registers, figures, layout, outside, asked, intervals)
-                elif play_rounded(
-                    deck, state, signals + adcs + dac.shape[0], repeat, cues[at, 2], last
-                ):
-                    outcome = OVERFLOWED
-                elif stops != NEVER and any_noted(notes):
-                    outcome = OVERLOADED
-                if outside[clock, library.TIMES] > 0.0:
-                    outcome = OUTSIDE
-                if outcome != PAUSED:
-                    break
+                if plain:
+                    run_tape(code, registers)
+                else:
+                    outside[clock, library.REPEAT] = repeat
+                    outside[clock, library.INSTANT] = cues[at, 2]
+                    if not limited:
+                        run_wide(code, registers, figures, layout, outside, asked, intervals)
+                    elif play_rounded(
+                        deck, state, signals + adcs + dac.shape[0], repeat, cues[at, 2], last
+                    ):
+                        outcome = OVERFLOWED
+                    elif stops != NEVER and any_noted(notes):
+                        outcome = OVERLOADED
+                    if outside[clock, library.TIMES] > 0.0:
+                        outcome = OUTSIDE
+                    if outcome != PAUSED:
+                        break
                 for w in range(word_registers.shape[0]):
                     ring[started, w] = registers[word_registers[w]]
                 remember(memory, registers)

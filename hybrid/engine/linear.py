@@ -21,6 +21,7 @@ from hybrid.machine import Floats, Machine, Pen
 from hybrid.modes import CONTINUE
 from hybrid.scale import to_seconds
 from hybrid.streams import stream
+from hybrid.tape import FIRST_WIDE
 from hybrid.timeline import Happening, Segment, Timeline
 
 # Small enough to answer Ctrl-C at once and to keep the normal draws in the cache.
@@ -374,6 +375,7 @@ def _deck(machine: Machine) -> Deck:
         tape.length_of,
         tape.lengths,
         owner,
+        np.array([np.count_nonzero(tape.code[:, 0] >= FIRST_WIDE)], dtype=np.int64),
     )
 
 

@@ -16,17 +16,14 @@ import numpy.typing as npt
 
 from hybrid.engine.arithmetic import (
     ADD,
-    COPY,
     DIV,
     LOOK_UP,
     MUL,
-    NEG,
-    POW,
     SKIP,
     SQRT,
     SUB,
     WIDE,
-    compute_function,
+    operate,
 )
 from hybrid.engine.compiling import compiled, strictly
 from hybrid.engine.library import compute_helper
@@ -122,24 +119,8 @@ def within(code: float, length: Floats) -> float:
 
 @compiled
 def compute(op: int, held: float, a: float, b: float) -> float:
-    """Any operation but SKIP, as a double."""
-    result = 0.0
-    if op == COPY:
-        result = a
-    elif op == ADD:
-        result = a + b
-    elif op == SUB:
-        result = a - b
-    elif op == MUL:
-        result = a * b
-    elif op == DIV:
-        result = a / b
-    elif op == NEG:
-        result = -a
-    elif op == POW:
-        result = a**b
-    else:
-        result = compute_function(op, held, a, b)
+    """Any operation of two operands but SKIP, as a double."""
+    result: float = operate(op, held, a, b)
     return result
 
 
