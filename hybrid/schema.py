@@ -76,7 +76,7 @@ _TERMS_EXAMPLES: Mapping[str, Any] = {
     "units": {"bodyMomentOfInertia_Roll": "kg*m^2"},
     "inputs": {"mach": 1, "height": "ft"},
     "parameters": {"inertia": "3 kg*m^2"},
-    "states": {"angle": {"integrate": "theta_sample", "initial": "0.1 rad"}},
+    "states": {"angle": {"integrate": "theta_sample", "initial": "0 rad*s"}},
 }
 
 
@@ -254,7 +254,7 @@ def _holds(key: Key) -> dict[str, Any]:
         return _preset()
     if key.name == "on_overload":
         return {"enum": list(ON_OVERLOAD), "examples": ["stop"]}
-    if key.name in ("rounding", "overflow"):
+    if key in language.WORD_KEYS and key.holds is Holds.TEXT:
         valid = language.ROUNDINGS if key.name == "rounding" else language.OVERFLOWS
         return {"enum": list(valid), "examples": [valid[-1]]}
     if key.name in ("integration", "formula"):

@@ -323,6 +323,38 @@ run: {until: 1 s}
 """
 
 
+TABLE = """
+title: a table and a helper function at the stages of a formula
+parameters: {step: 0.125 s, second: 1 s, metre: 1 m}
+tables: {twice: {inputs: {x: 1}, values: {0: 0, 4: 8}, outside: stop}}
+digital:
+  period: step
+  compute_time: 0 s
+  integration: rk4
+  WORD
+  states: {x: {integrate: rate, initial: 1}}
+  program:
+    rate: -twice(x)/(2*second)
+    rho: density_us76(x*metre*1000)
+run: {until: 5 s}
+"""
+
+
+def test_tables_and_helpers_at_stages_and_in_single_precision(play):
+    """x' = -x through a table: each step of RK4 multiplies by 1 - h + h^2/2 - h^3/6 + h^4/24."""
+    double, single = (play(TABLE.replace("WORD", f"word: {w}")) for w in ("float64", "float32"))
+    h = 0.125
+    factor = 1 - h + h**2 / 2 - h**3 / 6 + h**4 / 24
+    np.testing.assert_allclose(double["x"][:40], factor ** np.arange(40), rtol=1e-14)
+    # Every stage asks the table at the same place of the program, and each helper at its own.
+    assert [site.function for site in double.machine.tape.sites] == ["twice", "density_us76"]
+    # Some twenty roundings a step of 2^-25 at most, each.
+    np.testing.assert_allclose(single["x"][:40], double["x"][:40], rtol=40 * 20 * 2**-24)
+    for name in ("x", "rho"):
+        assert single[name].tolist() == np.float32(single[name]).astype(float).tolist()
+        assert np.max(np.abs(single[name] - double[name])) > 0
+
+
 def test_prediction_leaves_rounding_out(compiled):
     double, single = (
         compiled(SPRING.replace("WORD", w)) for w in ("word: float64", "word: float32")
