@@ -290,7 +290,8 @@ def _read_compile_lay_out(text: str) -> bool:
     except PatchError as error:
         assert "\n" not in str(error)
         assert len(str(error)) < 1500
-        assert error.place.file == "a.yaml"
+        used = error.place.used or error.place  # a mistake in a sub-patch names both places
+        assert used.file == "a.yaml"
         right = False
     assert time.process_time() - began < LONGEST_S
     return right
