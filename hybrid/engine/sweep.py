@@ -333,9 +333,13 @@ def solve(
 
 @inlined
 def agree(turn: int, change: float, ratio: float, tolerance: float) -> bool:
-    """Whether what sweeps still change is below `tolerance`, or is rounding."""
+    """Whether what sweeps still change is below `tolerance`, or is rounding.
+
+    Where changes fall fast the next one need not be seen; what was computed before a torn signal's last
+    change is off by that change, though, so it must be small itself.
+    """
     if change <= tolerance:
         return True
-    if turn > 0 and ratio < 0.3 and change * ratio <= tolerance / 2:
+    if turn > 0 and ratio < 0.3 and change * ratio <= tolerance / 2 and change <= 100 * tolerance:
         return True
     return turn > 3 and ratio > 0.8 and change < 100 * tolerance
