@@ -355,12 +355,12 @@ DEFINITION_KEYS = (
     Key("models", Holds.TERMS, "name: DAVE-ML model"),
     Key("analog", Holds.TERMS, "signal: component"),
     Key("interface", Holds.TERMS, "signal: adc or dac"),
-    Key("digital", Holds.TERMS, "words: program, remember and states"),
+    Key("digital", Holds.TERMS, "words: program, states, remember and words"),
     Key("parts", Holds.TERMS, "name: sub-patch"),
 )
 
 PART_DIGITAL_KEYS = tuple(
-    key for key in DIGITAL_KEYS if key.name in ("program", "remember", "states")
+    key for key in DIGITAL_KEYS if key.name in ("program", "remember", "states", "words")
 )
 
 PART_KEYS = (

@@ -74,9 +74,9 @@ _TERMS_EXAMPLES: Mapping[str, Any] = {
     "program": EXAMPLE["digital"]["program"],
     "remember": {"moment_word": 0},
     "units": {"bodyMomentOfInertia_Roll": "kg*m^2"},
+    "states": {"angle": {"integrate": "theta_sample", "initial": "0 rad*s"}},
     "inputs": {"mach": 1, "height": "ft"},
     "parameters": {"inertia": "3 kg*m^2"},
-    "states": {"angle": {"integrate": "theta_sample", "initial": "0 rad*s"}},
 }
 
 
@@ -187,14 +187,13 @@ def _signal_names() -> dict[str, Any]:
 
 
 def _digital(keys: Iterable[Key]) -> dict[str, Any]:
-    """The digital machine: its states have keys of their own."""
+    """The digital machine, or what a sub-patch has of it: its states have keys of their own."""
     made = _object(keys)
     length = {"anyOf": [{"enum": ["float64", "float32"]}, _word_length()]}
     words = {**_map(length, {}), "examples": [{"moment_word": "float32"}]}
-    for key, content in (("word", {**length, "examples": ["float32"]}), ("words", words)):
-        if key in made["properties"]:
-            doc = made["properties"][key]["description"]
-            made["properties"][key] = {**content, "description": doc}
+    contents = {"word": {**length, "examples": ["float32"]}, "words": words}
+    _put({name: contents[name] for name in contents if name in made["properties"]}, made)
+    made["properties"]["program"]["minProperties"] = 1
     states = made["properties"]["states"]
     states.update({**_map(_object(language.STATE_KEYS), _signal_names()), "minProperties": 1})
     state = states["additionalProperties"]
@@ -270,11 +269,7 @@ def _holds(key: Key) -> dict[str, Any]:
     if key.holds is Holds.TERMS:
         made = _map(_quantity(), {"pattern": SIGNAL_NAME})
         example = _TERMS_EXAMPLES.get(key.name, {"theta": 1})
-        return {
-            **made,
-            "minProperties": int(key.required or key.name == "program"),
-            "examples": [example],
-        }
+        return {**made, "minProperties": int(key.required), "examples": [example]}
     if key.holds is Holds.POINTS:
         made = {"type": "object", "minProperties": 2, "additionalProperties": _quantity()}
         return {**made, "examples": [{"-1": 0, "0": 0, "1": 1}]}

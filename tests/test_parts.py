@@ -382,3 +382,21 @@ def test_a_sub_patch_has_tables_of_its_own(tmp_path: Path) -> None:
         PatchError, match=r"inner/wing.yaml:4 \(part left of .*plane.yaml:4\): .*left.csv"
     ):
         read_patch(tmp_path / "plane.yaml")
+
+
+def test_words_of_a_sub_patch_have_lengths_and_states_of_their_own() -> None:
+    text = (
+        "title: T\ndefinitions:\n  third:\n    inputs: {x: 1}\n"
+        "    digital:\n      program: {y: x/3}\n      words: {y: float32}\n"
+        "      states: {sum: {integrate: y + k, initial: 0, formula: euler}}\n"
+        "    parameters: {k: 1}\n"
+        "parts:\n  a: {use: third, inputs: {x: 1}}\n  b: {use: third, inputs: {x: a.sum}}\n"
+        "digital: {period: 1 s, compute_time: 0}\nrun: {until: 3 s}\n"
+    )
+    record = hybrid.run(parse_patch(text, "t"), machine="ideal").record
+    third = float(np.float32(1) / np.float32(3))
+    assert float(record["a.y"][-1]) == third != 1 / 3
+    np.testing.assert_allclose(record["a.sum"], (1 + third) * np.array([0, 1, 2, 3]), rtol=1e-15)
+    assert float(record["b.y"][-1]) == np.float32(np.float32(record["a.sum"][-1]) / np.float32(3))
+    with pytest.raises(PatchError, match=r"^t:8 \(part a of t:11\): .*'a.kk'"):
+        parse_patch(text.replace("y + k,", "y + kk,"), "t")

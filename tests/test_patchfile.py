@@ -290,8 +290,10 @@ def _read_compile_lay_out(text: str) -> bool:
     except PatchError as error:
         assert "\n" not in str(error)
         assert len(str(error)) < 1500
-        used = error.place.used or error.place  # a mistake in a sub-patch names both places
-        assert used.file == "a.yaml"
+        place = error.place
+        while place.used:  # of a sub-patch: where it is used
+            place = place.used
+        assert place.file == "a.yaml"
         right = False
     assert time.process_time() - began < LONGEST_S
     return right

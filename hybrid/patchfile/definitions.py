@@ -14,7 +14,7 @@ from hybrid.patchfile.source import name_of, read_text, short
 from hybrid.shipped import shipped_folder
 from hybrid.yamltree import Sequence, Table, Text, Tree, kind_of, read_yaml
 
-# Sections whose entries a part brings along; those of WITHIN_DIGITAL stand within `digital`.
+# Sections whose entries a part brings along; those WITHIN_DIGITAL stand in `digital`, in this form.
 SECTIONS = (
     "parameters",
     "tables",
@@ -24,8 +24,14 @@ SECTIONS = (
     "program",
     "states",
     "remember",
+    "words",
 )
-WITHIN_DIGITAL = ("program", "states", "remember")
+WITHIN_DIGITAL = {
+    "program": "word: arithmetic",
+    "states": "state: {integrate: rate, initial: value}",
+    "remember": "word: first value",
+    "words": "word: word length",
+}
 _NAMING = ("parameters", "tables", "models", "analog", "interface", "program", "states")
 
 
@@ -46,10 +52,7 @@ class Definition:
             return None if tree is None else table_of(tree, name, form)
         digital = self.section("digital")
         tree = digital.entries.get(name) if digital else None
-        form = {"program": "word: arithmetic", "remember": "word: first value"}.get(
-            name, "state: {integrate: rate, initial: value}"
-        )
-        return None if tree is None else table_of(tree, name, form)
+        return None if tree is None else table_of(tree, name, WITHIN_DIGITAL[name])
 
     def entries(self, *sections: str) -> Iterator[tuple[str, Tree, Place]]:
         """Name, tree and place of all that stands in these sections."""

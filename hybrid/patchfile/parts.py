@@ -121,7 +121,7 @@ class _Writer:
         for name, tree, place in of.entries("parameters"):
             self._add_parameter(scope, name, tree, place, given.get(name))
         for section in SECTIONS[1:]:
-            within = replace(scope, names=readable) if section in WITHIN_DIGITAL else scope
+            within = replace(scope, names=readable) if section == "program" else scope
             for name, tree, place in of.entries(section):
                 self.add(section, within, name, tree, place)
         for name, text in words.items():
@@ -138,13 +138,14 @@ class _Writer:
             "analog": scope.component,
             "interface": scope.converter,
             "states": scope.state,
+            "words": scope.word_length,
         }
         rewritten = rewrite.get(section, scope.arithmetic)(tree)
         self._put(section, scope, name, rewritten, scope.place(place))
 
     def _put(self, section: str, scope: Scope, name: str, tree: Tree, place: Place) -> None:
         """Add an entry that is written in the whole patch's names."""
-        if "." in name and section != "remember":
+        if "." in name and section not in ("remember", "words"):
             raise PatchError(
                 f"{quoted(name)} cannot be defined here; only parts: makes names with a dot", place
             )

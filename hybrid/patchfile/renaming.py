@@ -14,7 +14,16 @@ from dataclasses import dataclass, field, replace
 from hybrid.components import CATALOG
 from hybrid.errors import PatchError, Place, did_you_mean, quoted
 from hybrid.expressions import RESERVED_NAMES, ExpressionError
-from hybrid.language import ADC_KEYS, DAC_KEYS, ERROR_KEYS, FULL_SCALE, STATE_KEYS, Holds, Key
+from hybrid.language import (
+    ADC_KEYS,
+    DAC_KEYS,
+    ERROR_KEYS,
+    FULL_SCALE,
+    STATE_KEYS,
+    WORD_KEYS,
+    Holds,
+    Key,
+)
 from hybrid.modes import RESERVED_SIGNALS
 from hybrid.parsing import NAME_IN_TEXT, is_quantity, refuse_hidden_product
 from hybrid.yamltree import Sequence, Table, Text, Tree
@@ -130,6 +139,10 @@ class Scope:
     def state(self, tree: Tree) -> Tree:
         """One entry of `states`."""
         return self.keyed(tree, STATE_KEYS)
+
+    def word_length(self, tree: Tree) -> Tree:
+        """One entry of `words`."""
+        return self.keyed(tree, WORD_KEYS)
 
     def model(self, tree: Tree) -> Tree:
         """One entry of `models`: what its inputs are connected to; their names are those of its file."""
