@@ -26,16 +26,15 @@ from hybrid.machines import PRESETS, Preset
 from hybrid.memo import KeptByUse
 from hybrid.modes import HOLD, IC, OP, TIMED_MODE
 from hybrid.patch import Adc, Component, Dac, Patch, Value
-from hybrid.scale import TICKS_PER_SECOND, to_seconds, to_ticks
+from hybrid.scale import TICKS_PER_SECOND, to_seconds
 from hybrid.streams import unit_error
 from hybrid.tape import build_tape
+from hybrid.tasks import task_of_adc, task_of_dac, task_timings, ticks_of
 
 # A run of more cycles than this would take hours; it is refused before anything is computed.
 MOST_CYCLES = 10**11
 # A pipeline deeper than this is a slip of the pen, not a design.
 DEEPEST_PIPELINE = 1000
-# 30 million years; no duration may be longer.
-LONGEST_S = 1e15
 # Numbers in the record, 0.8 GB.
 MOST_RECORDED = 10**8
 LARGEST_SERIAL = 2**63 - 1
@@ -93,8 +92,8 @@ def compile_patch(
         dict(overrides or {}),
         stages,
         analog,
-        tuple(_sampler(a, patch, analog, scales, preset, scope, time_scale) for a in adcs),
-        tuple(_holder(d, analog, tape.words, scales, preset) for d in dacs),
+        tuple(_sampler(a, patch, analog, scales, preset, scope, timing, time_scale) for a in adcs),
+        tuple(_holder(d, patch, analog, tape.words, scales, preset) for d in dacs),
         steps,
         tape,
         timing,
@@ -245,9 +244,12 @@ def _sampler(
     scales: Mapping[str, float],
     preset: Preset,
     scope: Mapping[str, float],
+    timing: Timing,
     time_scale: float,
 ) -> Sampler:
     assert patch.program is not None
+    task = task_of_adc(adc, patch.program, timing.tasks) if timing.tasks else 0
+    period = timing.tasks[task].period if timing.tasks else timing.period
     full_scale = scales[adc.source]
     range_mu = adc.range.number(scope) / full_scale if adc.range else 1.0
     if adc.range and not SMALLEST_RANGE <= range_mu <= 1.0 / SMALLEST_RANGE:
@@ -256,15 +258,15 @@ def _sampler(
             "it must be comparable",
             adc.range.place,
         )
-    skew = _ticks(patch.program.skew, scope, time_scale)
-    conversion = _ticks(adc.conversion_time, scope, time_scale)
-    if adc.conversion_time and conversion >= _ticks(patch.program.period, scope):
+    skew = ticks_of(patch.program.skew, scope, time_scale)
+    conversion = ticks_of(adc.conversion_time, scope, time_scale)
+    if adc.conversion_time and conversion >= period:
         raise PatchError(
             f"{adc.conversion_time.what} is {to_seconds(conversion):g} s, not shorter than the period: "
             "the ADC would still be converting when it must take its next sample",
             adc.conversion_time.place,
         )
-    if adc.channel * skew > DEEPEST_PIPELINE * _ticks(patch.program.period, scope):
+    if adc.channel * skew > DEEPEST_PIPELINE * period:
         raise PatchError(
             f"ADC {adc.name!r} samples more than {DEEPEST_PIPELINE} periods late, channel times skew; "
             "lower one of them or lengthen the period",
@@ -279,12 +281,19 @@ def _sampler(
         not preset.converters_exact,
         adc.channel * skew,
         conversion,
+        task,
     )
 
 
 def _holder(
-    dac: Dac, analog: Analog, words: tuple[str, ...], scales: Mapping[str, float], preset: Preset
+    dac: Dac,
+    patch: Patch,
+    analog: Analog,
+    words: tuple[str, ...],
+    scales: Mapping[str, float],
+    preset: Preset,
 ) -> Holder:
+    program = patch.program
     return Holder(
         dac.name,
         words.index(dac.word),
@@ -292,27 +301,8 @@ def _holder(
         1.0 / scales[dac.name],
         _step_mu(dac.bits, 1.0, preset),
         not preset.converters_exact,
+        task_of_dac(dac, program) if program and program.tasks else 0,
     )
-
-
-def _ticks(duration: Value | None, scope: Mapping[str, float], time_scale: float = 1.0) -> int:
-    """A duration in ticks of problem time, 0 where it is not given."""
-    if duration is None:
-        return 0
-    seconds = duration.number(scope) * time_scale
-    if seconds > LONGEST_S:
-        raise PatchError(
-            f"{duration.what} is {seconds:g} s; at most {LONGEST_S:g} s are possible",
-            duration.place,
-        )
-    ticks = to_ticks(seconds)
-    if duration.positive and ticks == 0:
-        raise PatchError(
-            f"{duration.what} is {seconds:g} s, below a femtosecond, the resolution of time; "
-            "give a longer one",
-            duration.place,
-        )
-    return ticks
 
 
 def _mode_changes(operation: Operation, held: int) -> tuple[StepEvent, ...]:
@@ -331,18 +321,22 @@ def _operation(patch: Patch, scope: Mapping[str, float]) -> Operation | None:
     modes = patch.modes
     if modes is None or modes.operate is None:
         return None
-    reset, operate, hold = (_ticks(t, scope) for t in (modes.reset, modes.operate, modes.hold))
+    reset, operate, hold = (ticks_of(t, scope) for t in (modes.reset, modes.operate, modes.hold))
     return Operation(reset, operate, hold, modes.operations)
 
 
 def _timing(patch: Patch, scope: Mapping[str, float], time_scale: float) -> Timing:
     program, run = patch.program, patch.run
-    period = _ticks(program.period, scope) if program else 0
+    period = ticks_of(program.period, scope) if program else 0
     compute = period
-    if program and program.compute_time:
-        compute = _ticks(program.compute_time, scope, time_scale)
-    every = _ticks(run.every, scope) if run.every else period
-    timing = Timing(period, compute, every, _ticks(run.until, scope))
+    tasks = task_timings(program, scope, time_scale) if program else ()
+    if tasks:
+        period, compute = min(t.period for t in tasks), max(t.compute for t in tasks)
+    elif program and program.compute_time:
+        compute = ticks_of(program.compute_time, scope, time_scale)
+    every = ticks_of(run.every, scope) if run.every else period
+    until = ticks_of(run.until, scope)
+    timing = Timing(period, compute, every, until, tasks, program is None or program.preemptive)
     _check_timing(patch, timing)
     return timing
 
@@ -358,7 +352,7 @@ def _check_timing(patch: Patch, timing: Timing) -> None:
             "are possible, so shorten the run or lengthen the period or the record interval",
             what.place,
         )
-    if program and timing.compute > DEEPEST_PIPELINE * timing.period:
+    if program and not timing.tasks and timing.compute > DEEPEST_PIPELINE * timing.period:
         raise PatchError(
             f"compute_time is {timing.compute / timing.period:.3g} periods; at most "
             f"{DEEPEST_PIPELINE} are possible",

@@ -1,7 +1,8 @@
 """What the coupling does to the modes of a patch: the exact one-cycle map and its eigenvalues.
 
 Stage 6. The map takes everything the machine remembers (analog states, held outputs, words, results
-on their way) over one stretch of the timeline; quantisation and clipping are left out, lags, gain
+on their way) over one stretch of the timeline: a cycle, or what several tasks do until they are where
+they were, a multi-rate loop; quantisation and clipping are left out, lags, gain
 errors, skew and compute time are in. Its eigenvalues z give the modes s = ln(z) / H.
 
 All figures are kept as differences from the identity: at T = 0.1 ms and 10 rad/s the damping sits
@@ -10,13 +11,16 @@ in the tenth digit of z.
 
 from __future__ import annotations
 
+import collections
 import functools
 import itertools
+import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 
+from hybrid.clockwork import Happening
 from hybrid.components import CATALOG
 from hybrid.eigenvalues import Complex, eigenvalues
 from hybrid.engine.propagator import propagator
@@ -27,8 +31,11 @@ from hybrid.linearity import NotLinear, linear_program
 from hybrid.machine import Analog, Floats, Machine, OutputStage
 from hybrid.patch import Patch, RunSettings, WordSettings, literal
 from hybrid.scale import to_seconds
-from hybrid.tape import build_tape
-from hybrid.timeline import Happening, Segment, build_timeline
+from hybrid.tape import MEMORY, WORDS, Memory, build_tape
+from hybrid.timeline import Segment, build_timeline
+
+# In how many stretches tasks must have settled; the layout of their events ends long before.
+MOST_STRETCHES = 10**6
 
 
 @dataclass(frozen=True, slots=True)
@@ -88,9 +95,14 @@ def _log_one_plus(shift: Complex) -> Complex:
 def cycle_map(machine: Machine) -> tuple[Floats, int]:
     """(M - I, length in ticks): the map of one repeated stretch, constants and sources left out."""
     timeline = build_timeline(_short(machine))
+    if len(timeline.segments) < 2:
+        raise NotLinear("the tasks do not come back to where they were, so there is no exact map")
     stretch = next(s for s in timeline.segments if s.start > 0 and s.length > 0)
-    before = [kind for tick, kind, _ in timeline.segments[0].events if tick < stretch.start]
-    in_flight = before.count(Happening.START) - before.count(Happening.END)
+    before = [(kind, i) for tick, kind, i in timeline.segments[0].events if tick < stretch.start]
+    in_flight = [
+        before.count((Happening.START, i)) - before.count((Happening.END, i))
+        for i in range(len(machine.tape.starts) - 1)
+    ]
     tracker = _Tracker(machine, stretch, in_flight)
     with np.errstate(over="ignore", invalid="ignore"):  # `eigenvalues` refuses what overflows
         for offset, kind, index in stretch.events:
@@ -102,8 +114,14 @@ def _short(machine: Machine) -> Machine:
     """The same machine without steps, run just long enough for one stretch to repeat."""
     timing = machine.timing
     # The record does not belong to the loop: let it follow the cycle.
-    until = 5 * timing.period + 2 * machine.latency_ticks
-    timing = replace(timing, every=timing.period, until=until)
+    every, until = timing.period, 5 * timing.period + 2 * machine.latency_ticks
+    tasks = tuple(
+        replace(t, overrun="skip" if t.overrun == "stop" else t.overrun) for t in timing.tasks
+    )
+    if tasks:
+        every = math.lcm(*(task.period for task in tasks))
+        until = MOST_STRETCHES * every
+    timing = replace(timing, every=every, until=until, tasks=tasks)
     return replace(machine, steps=(), operation=None, timing=timing)
 
 
@@ -111,21 +129,26 @@ class _Tracker:
     """Follows every remembered figure as a linear form of its values at the start of the stretch.
 
     Layout of a form: n states, m inputs, ADC samples, ADC words, remembered values, visible words,
-    then the queue of results, oldest first.
+    then the queue of results of each program, oldest first.
     """
 
-    def __init__(self, machine: Machine, stretch: Segment, in_flight: int) -> None:
+    def __init__(self, machine: Machine, stretch: Segment, in_flight: list[int]) -> None:
         analog, tape = machine.analog, machine.tape
         self.machine = machine
         self.program = linear_program(tape, len(machine.samplers))
         self.in_flight = in_flight  # results on their way at the start
-        starts = sum(1 for _, kind, _ in stretch.events if kind == Happening.START)
+        starts = collections.Counter(i for _, kind, i in stretch.events if kind == Happening.START)
         n, m, words = len(analog.states), len(analog.inputs), len(tape.words)
         adcs, memory = len(machine.samplers), len(self.program.keep)
-        sizes = [n, m, adcs, adcs, memory, words, (self.in_flight + starts) * words]
+        queues = [
+            (on_their_way + starts[i]) * int(tape.starts[i + 1, 1] - tape.starts[i, 1])
+            for i, on_their_way in enumerate(in_flight)
+        ]
+        sizes = [n, m, adcs, adcs, memory, words, *queues]
         edges = np.concatenate([[0], np.cumsum(sizes)]).tolist()
         parts = [slice(a, b) for a, b in itertools.pairwise(edges)]
-        self.x, self.u, self.sample, self.adc, self.memory, self.words, self.queue = parts
+        self.x, self.u, self.sample, self.adc, self.memory, self.words = parts[:6]
+        self.queues = parts[6:]
         self.start = np.eye(edges[-1])
         self.moved = np.zeros((edges[-1], edges[-1]))  # now - start
         self.now_ticks = 0
@@ -154,9 +177,9 @@ class _Tracker:
             at = slice(self.adc.start + index, self.adc.start + index + 1)
             self.set(at, self.value(self.sample)[index : index + 1])
         elif kind is Happening.START:
-            self._start_program()
+            self._start_program(index)
         elif kind is Happening.END:
-            self._end_program()
+            self._end_program(index)
         elif kind is Happening.LATCH:
             holder = self.machine.holders[index]
             at = slice(self.u.start + holder.input, self.u.start + holder.input + 1)
@@ -165,21 +188,32 @@ class _Tracker:
     def _change(self, ticks: int) -> Floats:
         return propagator(self.machine.analog, to_seconds(ticks)).change
 
-    def _start_program(self) -> None:
-        one = self.value(self.u)[:1]
-        inputs = np.vstack([self.value(self.adc), self.value(self.memory), one])
-        results = self.program.rows @ inputs
-        first = self.queue.start + self.in_flight * len(results)
-        self.set(slice(first, first + len(results)), results)
-        self.in_flight += 1
-        self.set(self.memory, self.program.keep @ inputs)
+    def _own(self, program: int, column: int) -> tuple[int, int]:
+        """First and last row of what belongs to one program, among its words or its memory."""
+        first, last = self.machine.tape.starts[program : program + 2, column].tolist()
+        return first, last
 
-    def _end_program(self) -> None:
-        words = self.words.stop - self.words.start
-        queue = self.value(self.queue)
-        self.set(self.words, queue[:words])
-        self.set(self.queue, np.vstack([queue[words:], np.zeros((words, queue.shape[1]))]))
-        self.in_flight -= 1
+    def _start_program(self, program: int) -> None:
+        one, shared = self.value(self.u)[:1], self.value(self.words)[self.program.shared]
+        inputs = np.vstack([self.value(self.adc), self.value(self.memory), shared, one])
+        first, last = self._own(program, WORDS)
+        results = self.program.rows[first:last] @ inputs
+        at = self.queues[program].start + self.in_flight[program] * len(results)
+        self.set(slice(at, at + len(results)), results)
+        self.in_flight[program] += 1
+        # Each delay has as many columns as cycles.
+        lengths = self.machine.tape.memory[:, Memory.LENGTH] + 1
+        first, last = (int(np.sum(lengths[:row])) for row in self._own(program, MEMORY))
+        keep = slice(self.memory.start + first, self.memory.start + last)
+        self.set(keep, self.program.keep[first:last] @ inputs)
+
+    def _end_program(self, program: int) -> None:
+        first, last = self._own(program, WORDS)
+        words, queue = last - first, self.value(self.queues[program])
+        self.set(slice(self.words.start + first, self.words.start + last), queue[:words])
+        rest = np.vstack([queue[words:], np.zeros((words, queue.shape[1]))])
+        self.set(self.queues[program], rest)
+        self.in_flight[program] -= 1
 
     def change(self) -> Floats:
         """M - I without the constant 1, the step inputs and the sine sources, which only drive."""
@@ -218,12 +252,14 @@ def _without(matrix: Floats, dropped: Sequence[int]) -> Floats:
 def ideal_modes(patch: Patch, overrides: Mapping[str, float]) -> Complex:
     """Modes with no lag, no errors, no converters and T -> 0: what the patch is meant to do.
 
-    A parameter that is the period is set to 0, so that a lead of 1.5 T vanishes with T.
+    A parameter that is a period is set to 0, so that a lead of 1.5 T vanishes with T.
     Raises NotLinear where there is no such limit.
     """
-    if patch.program and isinstance(patch.program.period.expr, Name):
+    periods = patch.program.periods if patch.program else ()
+    vanish = {period.expr.id: 0.0 for period in periods if isinstance(period.expr, Name)}
+    if vanish:
         try:
-            return _ideal(patch, patch.bind({**overrides, patch.program.period.expr.id: 0.0}))
+            return _ideal(patch, patch.bind({**overrides, **vanish}))
         except HybridError:  # something is divided by the period: keep it as it is
             pass
     return _ideal(patch, patch.bind(overrides))

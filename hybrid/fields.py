@@ -45,6 +45,7 @@ RANGES: Mapping[str, tuple[int, int]] = {
     "operations": (1, 100_000),
     "mantissa": (FEWEST_BITS, MOST_BITS),
     "fixed": (FEWEST_BITS, MOST_FIXED_BITS),
+    "priority": (0, 999),
 }
 LONGEST_LINE = 200  # of a title
 # The record's coordinate, which no signal may hide.

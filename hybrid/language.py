@@ -132,6 +132,12 @@ ADC_KEYS = (
         "multiplexer channel: channel n is sampled n times the skew after the cycle starts",
         default="0",
     ),
+    Key(
+        "task",
+        Holds.TEXT,
+        "the task whose clock samples it",
+        default="of those that read it, the one of highest priority",
+    ),
 )
 
 DAC_KEYS = (
@@ -182,6 +188,14 @@ DIGITAL_KEYS = (
         "integration formula of the states that name none",
         default=DEFAULT_FORMULA,
     ),
+    Key("tasks", Holds.TERMS, "several programs on one processor, in place of period and program"),
+    Key(
+        "scheduling",
+        Holds.CHOICE,
+        "whether a task of higher priority takes the processor away from one that computes",
+        default="preemptive",
+        choices=("preemptive", "cooperative"),
+    ),
 )
 
 WORD_LENGTHS = (
@@ -226,6 +240,51 @@ STATE_KEYS = (
         Unit.PURE,
     ),
     Key("reset_to", Holds.QUANTITY, "arithmetic; may read next(...) of other states", Unit.ANY),
+)
+
+# What each task has for itself.
+ONE_PROGRAM_KEYS = ("period", "compute_time", "program")
+
+TASK_KEYS = (
+    Key(
+        "period",
+        Holds.QUANTITY,
+        "a cycle begins every period",
+        Unit.TIME,
+        Bound.POSITIVE,
+        required=True,
+    ),
+    Key(
+        "phase",
+        Holds.QUANTITY,
+        "when the first begins",
+        Unit.TIME,
+        Bound.NOT_NEGATIVE,
+        default="0 s",
+    ),
+    Key(
+        "priority",
+        Holds.INTEGER,
+        "the higher goes first, equal ones by name; of all tasks or none",
+        default="the shorter the period, the higher",
+    ),
+    Key(
+        "compute_time",
+        Holds.QUANTITY,
+        "processor time of a cycle",
+        Unit.TIME,
+        Bound.NOT_NEGATIVE,
+        required=True,
+    ),
+    Key(
+        "overrun",
+        Holds.CHOICE,
+        "when a cycle is due and the one before has not ended: leave it out (skip), begin it after that "
+        "one (queue), end the run (stop)",
+        default="skip",
+        choices=("skip", "queue", "stop"),
+    ),
+    Key("program", Holds.TERMS, "assignments, word: arithmetic", required=True),
 )
 
 TABLE_KEYS = (

@@ -41,7 +41,7 @@ MOST_REMEMBERED = 1000
 
 @dataclass(frozen=True, eq=False)
 class LinearProgram:
-    """One cycle as matrices over inputs = [ADC words, remembered values, 1]."""
+    """One cycle as matrices over inputs = [ADC words, remembered values, words of other programs, 1]."""
 
     rows: Floats  # (words, inputs): the words
     keep: Floats  # (remembered, inputs): what is remembered for the next cycle
@@ -51,6 +51,9 @@ class LinearProgram:
     ]  # (remembered,): the word whose value it is, sooner or later, or -1
     states: npt.NDArray[np.int64]  # (states,): which of what is remembered they are
     rates: Floats  # (states, inputs)
+    shared: npt.NDArray[
+        np.int32
+    ]  # (shared,): the word of another program that each further input is
 
     def steady(self) -> tuple[Floats, Floats]:
         """Words, and the rates of the states, for inputs that stay as they are.
@@ -62,9 +65,10 @@ class LinearProgram:
         """
         first, last = self.adcs, self.rows.shape[1] - 1
         free = [*range(first), *(first + self.states), last]
-        delayed = np.flatnonzero(self.takes_over >= 0)
+        taken = np.concatenate([self.takes_over, self.shared])
+        delayed = np.flatnonzero(taken >= 0)
         back, words = self.rows[:, first + delayed], np.eye(len(self.rows))
-        taken = self.takes_over[delayed]
+        taken = taken[delayed]
         for column, word in enumerate(taken):
             words[:, word] -= back[:, column]
         if len(words) and np.linalg.cond(words) > 1e12:
@@ -84,7 +88,7 @@ def linear_program(tape: Tape, adcs: int) -> LinearProgram:
             f"the program remembers {remembered} values; an exact prediction takes at most "
             f"{MOST_REMEMBERED}"
         )
-    width = adcs + remembered + 1
+    width = adcs + remembered + len(tape.shared) + 1
     unit = np.eye(width)
     forms = np.zeros((len(tape.registers), width))
     forms[:, -1] = tape.registers
@@ -92,6 +96,7 @@ def linear_program(tape: Tape, adcs: int) -> LinearProgram:
     # Each delay has columns of its own, in the order in which their values come out.
     firsts = adcs + np.cumsum(lengths + 1) - (lengths + 1)
     forms[tape.memory[:, Memory.KEEPS]] = unit[firsts]
+    forms[tape.shared[:, 0]] = unit[adcs + remembered : -1]
     if tape.starting is not None:  # the formulas have started
         forms[tape.starting] = 0.0
     _play(tape, forms)
@@ -106,8 +111,8 @@ def linear_program(tape: Tape, adcs: int) -> LinearProgram:
     states = np.array(
         [column_of[register] for register in tape.states[:, 0].tolist()], dtype=np.int64
     )
-    rates = forms[tape.states[:, 1]]
-    return LinearProgram(forms[tape.word_registers], keep, adcs, takes_over, states, rates)
+    rates, shared = forms[tape.states[:, 1]], tape.shared[:, 1]
+    return LinearProgram(forms[tape.word_registers], keep, adcs, takes_over, states, rates, shared)
 
 
 def _play(tape: Tape, forms: Floats) -> None:

@@ -14,6 +14,7 @@ import numpy as np
 import numpy.typing as npt
 
 from hybrid.elements import Element
+from hybrid.errors import NOWHERE, Place
 from hybrid.modes import MODE_ELEMENT, ON_OVERLOAD
 from hybrid.patch import Patch
 from hybrid.scale import to_seconds
@@ -65,6 +66,7 @@ class Sampler:
     clips: bool
     delay_ticks: int  # sample, after the start of the cycle
     conversion_ticks: int
+    task: int = 0  # which samples it
 
 
 @dataclass(frozen=True, slots=True)
@@ -77,6 +79,7 @@ class Holder:
     to_mu: float  # machine units per SI
     step_mu: float
     clips: bool
+    task: int = 0  # whose results it shows
 
 
 @dataclass(frozen=True, slots=True)
@@ -112,13 +115,32 @@ class Operation:
 
 
 @dataclass(frozen=True, slots=True)
+class TaskTiming:
+    """One of several tasks on one processor, in ticks."""
+
+    name: str
+    period: int
+    phase: int
+    compute: int
+    rank: int  # 0 goes first
+    overrun: str = "skip"
+    place: Place = NOWHERE
+
+
+@dataclass(frozen=True, slots=True)
 class Timing:
-    """All durations in ticks; `period` 0 where there is no digital machine."""
+    """All durations in ticks; `period` 0 where there is no digital machine.
+
+    Of several tasks `period` is the shortest and `compute` the longest: each has its own in `tasks`,
+    which stand in the order of the programs on the tape, by name.
+    """
 
     period: int
     compute: int
     every: int
     until: int
+    tasks: tuple[TaskTiming, ...] = ()
+    preemptive: bool = True
 
 
 @dataclass(frozen=True, slots=True)
@@ -170,7 +192,8 @@ class Machine:
 
     @property
     def latency_ticks(self) -> int:
-        """Longest time from the start of a cycle to its last event, its results at the DACs."""
+        """Longest time from the start of a cycle to its last event, its results at the DACs, where it
+        need not wait for the processor."""
         conversion = max((s.delay_ticks + s.conversion_ticks for s in self.samplers), default=0)
         return conversion + self.timing.compute
 

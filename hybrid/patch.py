@@ -109,6 +109,7 @@ class Adc:
     conversion_time: Value | None
     channel: int
     place: Place = NOWHERE
+    task: str | None = None  # which samples it; None: the first by rank that reads it
 
 
 @dataclass(frozen=True, slots=True)
@@ -185,8 +186,26 @@ class WordSettings:
 
 
 @dataclass(frozen=True, slots=True)
+class Task:
+    """One of several programs on one processor: its clock, and which words it computes, in order."""
+
+    name: str
+    period: Value
+    phase: Value | None
+    priority: int | None
+    compute_time: Value
+    overrun: str
+    words: tuple[str, ...]
+    place: Place = NOWHERE
+
+
+@dataclass(frozen=True, slots=True)
 class Program:
-    """The digital machine's program and its clock; assignments in the order they are computed."""
+    """The digital machine's program and its clock; assignments in the order they are computed.
+
+    Several programs are `tasks`, by name: the assignments are those of the first, then of the second
+    and so on, and `period` is that of the first.
+    """
 
     period: Value
     compute_time: Value | None
@@ -199,6 +218,8 @@ class Program:
     lengths: Mapping[str, WordSettings] = field(
         default_factory=dict
     )  # of words that have their own
+    tasks: tuple[Task, ...] = ()
+    preemptive: bool = True
 
     @property
     def written(self) -> tuple[Assignment | State, ...]:
@@ -209,6 +230,19 @@ class Program:
     def words(self) -> tuple[str, ...]:
         """The names of them all."""
         return tuple(entry.word for entry in self.written)
+
+    @property
+    def programs(self) -> tuple[tuple[Assignment, ...], ...]:
+        """The assignments of each task, or of the one program."""
+        if not self.tasks:
+            return (self.assignments,)
+        by_word = {assignment.word: assignment for assignment in self.assignments}
+        return tuple(tuple(by_word[word] for word in task.words) for task in self.tasks)
+
+    @property
+    def periods(self) -> tuple[Value, ...]:
+        """The cycle time of each task, or of the one program."""
+        return tuple(task.period for task in self.tasks) or (self.period,)
 
 
 @dataclass(frozen=True, slots=True)

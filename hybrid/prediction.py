@@ -154,7 +154,12 @@ def _sampled_case(machine: Machine) -> Case | None:
     """Eqs. 2.1 and 2.2: one ADC, one DAC, one cycle of computing, and in between c / s^2 or
     c (1 + 1.5 T s) / s^2."""
     timing = machine.timing
-    if len(machine.samplers) != 1 or len(machine.holders) != 1 or timing.compute != timing.period:
+    if (
+        timing.tasks
+        or len(machine.samplers) != 1
+        or len(machine.holders) != 1
+        or timing.compute != timing.period
+    ):
         return None
     if machine.samplers[0].delay_ticks or machine.samplers[0].conversion_ticks:
         return None
@@ -271,6 +276,10 @@ def largest_cycle_s(machine: Machine, max_damping_error: float) -> float | None:
     max_damping_error = damping_error_of(max_damping_error)
     if not machine.timing.period:
         raise RunError("the patch has no digital machine, so no cycle time to find")
+    if machine.timing.tasks:
+        raise RunError(
+            "the patch has several tasks, each with a period of its own; sweep one instead"
+        )
     error = _damping_error(machine)
     fastest = max((m.omega_ideal for m in coupling.modes(machine)), default=0.0)
     if not fastest > 0:

@@ -225,6 +225,8 @@ def ending(player: Player) -> tuple[str, str]:
             f"stopped at {player.done_s:.6g} s: a signal went beyond {kernel.RUNAWAY_MU:.0e} times "
             "its full scale; the patch is unstable"
         )
+    if player.outcome == kernel.DONE and player.timeline.stopped:
+        return "stopped", f"stopped at {player.done_s:.9g} s: {player.timeline.stopped}"
     if player.outcome == kernel.OVERLOADED:
         first = player.overloads()[0]
         return "stopped", (
@@ -304,7 +306,7 @@ def _short_note(machine: Machine) -> str:
         return ""
     if timing.until < timing.period:
         notes.append(f"the first cycle of {to_seconds(timing.period):.6g} s is over")
-    if timing.until < machine.latency_ticks:
+    if timing.until < machine.latency_ticks and not timing.tasks:
         reached_s = to_seconds(machine.latency_ticks)
         notes.append(f"the program's first results reach the DACs at {reached_s:.6g} s")
     before = " and ".join(notes)
@@ -313,6 +315,8 @@ def _short_note(machine: Machine) -> str:
 
 def _cycle_text(player: Player) -> str:
     """The cycle, counted from 1, whose result a run has just met."""
+    if player.machine.timing.tasks:
+        return "in a cycle that ended then,"
     period = player.machine.timing.period
     before = (player.done_ticks - player.machine.latency_ticks) // period
     return f"in cycle {before + 1}, which began at {to_seconds(before * period):.6g} s,"

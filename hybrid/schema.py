@@ -57,6 +57,7 @@ _INTEGER_EXAMPLES = {
     "operations": 10,
     "mantissa": 20,
     "fixed": 24,
+    "priority": 2,
 }
 _TEXT_EXAMPLES = {
     "title": EXAMPLE["title"],
@@ -69,6 +70,7 @@ _TEXT_EXAMPLES = {
     "output": "cd",
     "file": "drag.csv",
     "use": "euler",
+    "task": "fast",
 }
 _TERMS_EXAMPLES: Mapping[str, Any] = {
     "program": EXAMPLE["digital"]["program"],
@@ -77,6 +79,14 @@ _TERMS_EXAMPLES: Mapping[str, Any] = {
     "states": {"angle": {"integrate": "theta_sample", "initial": "0 rad*s"}},
     "inputs": {"mach": 1, "height": "ft"},
     "parameters": {"inertia": "3 kg*m^2"},
+    "tasks": {
+        "fast": {
+            "period": "1 ms",
+            "compute_time": "0.2 ms",
+            "program": EXAMPLE["digital"]["program"],
+        },
+        "slow": {"period": "10 ms", "compute_time": "3 ms", "program": {"seen": "theta_sample"}},
+    },
 }
 
 
@@ -92,7 +102,7 @@ def json_schema() -> dict[str, Any]:
     contents = {
         "machine": machine,
         **_sections(),
-        "digital": _digital(language.DIGITAL_KEYS),
+        "digital": _machine(),
         "modes": _modes(),
         "run": _object(language.RUN_KEYS),
         "readouts": _map({"oneOf": [_object(keys) for keys in readouts]}, readout),
@@ -115,7 +125,9 @@ def json_schema() -> dict[str, Any]:
                 "then": {
                     "anyOf": [{"required": ["analog"]}, {"required": ["digital"]}],
                     "properties": {
-                        "digital": {"anyOf": [{"required": ["program"]}, {"required": ["states"]}]}
+                        "digital": {
+                            "anyOf": [{"required": [key]} for key in ("program", "states", "tasks")]
+                        }
                     },
                 },
             },
@@ -179,6 +191,22 @@ def _table() -> dict[str, Any]:
     """Values in the patch or in a file."""
     either = [{"required": [key]} for key in ("values", "file")]
     return {**_object(language.TABLE_KEYS), "oneOf": either}
+
+
+def _machine() -> dict[str, Any]:
+    """The digital machine: one program with its clock, or tasks that each have both."""
+    made = _digital(language.DIGITAL_KEYS)
+    made["properties"]["tasks"] |= _map(_object(language.TASK_KEYS), {}) | {"minProperties": 1}
+    one = [key.name for key in language.DIGITAL_KEYS if key.required]
+    of_one = (*language.ONE_PROGRAM_KEYS, "states", "integration")
+    return {
+        **made,
+        "required": [],
+        "oneOf": [
+            {"required": one, "properties": {"tasks": False, "scheduling": False}},
+            {"required": ["tasks"], "properties": dict.fromkeys(of_one, False)},
+        ],
+    }
 
 
 def _signal_names() -> dict[str, Any]:
@@ -306,6 +334,7 @@ def reference() -> str:
         ("digital", language.DIGITAL_KEYS),
         ("digital, states", language.STATE_KEYS),
         ("digital, word and words", language.WORD_KEYS),
+        ("digital, each of the tasks", language.TASK_KEYS),
         ("modes", language.MODES_KEYS),
         ("run", language.RUN_KEYS),
         ("parts", language.PART_KEYS),

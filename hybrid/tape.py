@@ -6,8 +6,8 @@ temporaries. Sub-expressions of parameters alone are computed here once and beco
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, field, replace
 from enum import IntEnum
 
 import numpy as np
@@ -153,6 +153,10 @@ class Memory(IntEnum):
     LENGTH = 3
 
 
+# Columns of `Tape.starts`.
+CODE, WORDS, MEMORY, SHARED = range(4)
+
+
 @dataclass(frozen=True, slots=True)
 class Site:
     """A place in the program that asks a function which has a range, in SI units."""
@@ -168,7 +172,7 @@ class Site:
 
 @dataclass(frozen=True, eq=False)
 class Tape:
-    """One program: `code` rows are (operation, destination, operand, operand)."""
+    """All programs, one after the other: `code` rows are (operation, destination, operand, operand)."""
 
     words: tuple[str, ...]
     code: npt.NDArray[np.int32]  # (operations, 4)
@@ -179,6 +183,9 @@ class Tape:
     places: tuple[Place, ...]  # of the words in the patch file
     states: npt.NDArray[np.int32]  # (states, 2): register of the state, of its rate
     starting: int | None  # register that counts the cycles down in which formulas start
+    shared: npt.NDArray[np.int32]  # (words read of other programs, 2): register, word
+    # (programs + 1, 4): first row of code, words, memory and shared of each program, and of the next
+    starts: npt.NDArray[np.int64]
     sites: tuple[Site, ...]
     length_of: npt.NDArray[np.int32]  # (operations,): row of `lengths`; () where all are doubles
     lengths: npt.NDArray[np.float64]  # (word lengths, figures)
@@ -394,6 +401,31 @@ class _Builder:
             self.place[part.name] = result
         self.owner += [self.words.index(part.word)] * (len(self.code) - before)
 
+    def play(self, parts: Iterable[Statement | Branch], places: Mapping[str, Place]) -> None:
+        """Append one program, and what it hands over to its next cycle."""
+        for part in parts:
+            try:
+                self.step(part)
+            except ExpressionError as error:
+                raise PatchError(f"word {part.word!r}: {error}", places[part.word]) from None
+        for entry in self.kept:
+            self.memory.append((self.place[entry.name], self.place[entry.source], 0, 0))
+
+
+def _alone(program: Program | None) -> tuple[Program, ...]:
+    """Each of several programs as if it were the only one; states are of a single one."""
+    if program is None or not program.tasks:
+        return (program,) if program else ()
+    return tuple(replace(program, assignments=own, tasks=()) for own in program.programs)
+
+
+def _foreign(program: Program) -> frozenset[str]:
+    """The names that a program reads and does not compute itself."""
+    read = frozenset[str]().union(
+        *(names(expr) for entry in program.written for expr in entry.reads)
+    )
+    return read - set(program.words)
+
 
 def build_tape(
     program: Program | None, adcs: tuple[str, ...], scope: Mapping[str, float], step_s: float
@@ -405,13 +437,14 @@ def build_tape(
     build = _Builder(program, scope)
     build.fix_registers(adcs)
     written = {entry.word: entry.place for entry in program.written} if program else {}
-    for part in written_out(program, step_s) if program else ():
-        try:
-            build.step(part)
-        except ExpressionError as error:
-            raise PatchError(f"word {part.word!r}: {error}", written[part.word]) from None
-    for entry in build.kept:
-        build.memory.append((build.place[entry.name], build.place[entry.source], 0, 0))
+    own, shared, starts = dict(build.place), list[tuple[int, int]](), [(0, 0, 0, 0)]
+    for single in _alone(program):
+        foreign = sorted(_foreign(single) & own.keys() - set(adcs))
+        build.place = own | {name: build.register() for name in foreign}
+        shared += [(build.place[name], build.words.index(name)) for name in foreign]
+        build.play(written_out(single, step_s), written)
+        known = starts[-1][1] + len(single.words)
+        starts.append((len(build.code), known, len(build.memory), len(shared)))
     integrated = program.states if program else ()
     states = [(build.place[s.word], build.place[rate_of(s.word)]) for s in integrated]
     return Tape(
@@ -419,14 +452,16 @@ def build_tape(
         np.array(build.code, dtype=np.int32).reshape(-1, 4),
         tuple(build.owner),
         np.array(build.values, dtype=np.float64),
-        np.array([build.place[w] for w in build.words], dtype=np.int32),
+        np.array([own[w] for w in build.words], dtype=np.int32),
         np.array(build.memory, dtype=np.int32).reshape(-1, len(Memory)),
         tuple(written.values()),
         np.array(states, dtype=np.int32).reshape(-1, 2),
         build.place.get(TO_START),
+        np.array(shared, dtype=np.int32).reshape(-1, 2),
+        np.array(starts, dtype=np.int64),
         tuple(build.sites),
         *_word_lengths(build.length_of),
-        {word: own for word, own in build.length.items() if own.kind is Kind.FIXED},
+        {word: length for word, length in build.length.items() if length.kind is Kind.FIXED},
     )
 
 

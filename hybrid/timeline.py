@@ -1,38 +1,26 @@
-"""The digital machine's clockwork: a SimPy model of cycles, conversions and computing, played once
-for a stretch that repeats, and laid out as segments of events in exact integer time.
+"""The timeline of a run: the clockwork's events for a stretch that repeats, as segments of events in
+exact integer time.
 
-Stage 3, and the only module that imports simpy. The order of coincident events is written here and
-nowhere else. With x- the analog state just before an instant and x+ just after:
-
-    SAMPLE   ADCs sample; they see x-, outputs of the DACs as they were held until now
-    CONVERT  conversions that end: words become readable
-    START    programs whose conversions are complete read their words and compute
-    END      programs whose compute time ends: their results become readable
-    LATCH    DACs take those results: from here on it is x+
-    SOURCE   sources step, and so does the mode of a machine that time sets
-    RECORD   a row of the record is taken; it shows x+
-    REST     nothing; the analog side runs on to the end of the stretch
-
-Ties within one kind go by name. An event has an offset within its segment; a segment is repeated
-`repeats` times, its length in ticks apart.
+Stage 3. `clockwork` says what happens when, and in which order what coincides is played. An event has
+an offset within its segment; a segment is repeated `repeats` times, its length in ticks apart.
 """
 
 from __future__ import annotations
 
 import bisect
-import functools
+import collections
 import itertools
 import math
-from collections.abc import Generator, Iterator, Sequence
-from dataclasses import dataclass
-from enum import IntEnum
-from typing import Any, NoReturn
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
+from typing import NoReturn
 
-import simpy
-
+from hybrid.clockwork import Cycles, Event, Happening, cycle_events, in_order
 from hybrid.errors import PatchError
 from hybrid.machine import Machine, StepEvent
 from hybrid.modes import TIMED_MODE
+from hybrid.processor import Note
+from hybrid.rota import Rota, TaskReport, reports, rota_until, settled
 from hybrid.scale import to_seconds
 
 # Periods without a usable common multiple are laid out event by event, up to this many events.
@@ -40,22 +28,6 @@ MOST_FLAT_EVENTS = 300_000
 # Different intervals between events, and the numbers in all their propagators (1 GB).
 MOST_INTERVALS = 20_000
 MOST_PROPAGATED = 10**8
-
-
-class Happening(IntEnum):
-    """Kinds of events in the order in which coincident ones are played."""
-
-    SAMPLE = 0
-    CONVERT = 1
-    START = 2
-    END = 3
-    LATCH = 4
-    SOURCE = 5
-    RECORD = 6
-    REST = 7
-
-
-Event = tuple[int, int, int]  # tick, Happening, index of the ADC, DAC or step
 
 
 @dataclass(frozen=True, slots=True)
@@ -66,6 +38,7 @@ class Segment:
     length: int
     repeats: int
     events: tuple[Event, ...]
+    notes: tuple[Note, ...] = ()  # of the cycles of tasks that end in it, for each repeat
 
 
 @dataclass(frozen=True, slots=True)
@@ -76,6 +49,7 @@ class Timeline:
     until: int
     cycles: int  # whole digital cycles
     rows: int  # record events
+    stopped: str = ""  # why the run ends before its time: a task has overrun
 
     def __iter__(self) -> Iterator[Event]:
         """Every event in order, in absolute ticks (for reading and for tests)."""
@@ -85,6 +59,18 @@ class Timeline:
                 for offset, kind, index in segment.events:
                     yield base + offset, kind, index
 
+    def reports(self, machine: Machine, until: int | None = None) -> tuple[TaskReport, ...]:
+        """What the cycles of every task come to, in the whole run or up to an instant."""
+        counted = []
+        for segment in self.segments:
+            repeats, rest = segment.repeats, 0
+            if until is not None and until < segment.start + repeats * segment.length:
+                repeats, rest = divmod(max(until - segment.start, 0), max(segment.length, 1))
+            for note in segment.notes:
+                times = repeats + (note.tick - segment.start <= rest and repeats < segment.repeats)
+                counted.append((note, times))
+        return reports(machine, [(note, times) for note, times in counted if times])
+
 
 def build_timeline(machine: Machine) -> Timeline:
     """Lay out the events of the machine's whole run.
@@ -92,16 +78,15 @@ def build_timeline(machine: Machine) -> Timeline:
     Raises PatchError where the periods have no common multiple and the run is too long to be laid
     out event by event.
     """
+    machine, stopped = _until_stopped(machine)
     timing = machine.timing
-    stretch = math.lcm(*(t for t in (timing.period, timing.every) if t))
-    warm_up = -(-(machine.latency_ticks + 1) // stretch)
-    waves = {period for _, period, _ in edges_of(machine.steps).waves}
-    together = math.lcm(stretch, *waves)
+    (stretch, warm_up), edges = _repetition(machine), edges_of(machine.steps)
+    together = math.lcm(stretch, *(period for _, period, _ in edges.waves))
     laid_out = _clock_events(machine, (warm_up + 1) * together)
     if timing.until >= (warm_up + 2) * together and (
         together == stretch or laid_out <= MOST_FLAT_EVENTS
     ):
-        stretch, edges = together, edges_of(machine.steps)
+        stretch = together
     else:  # a wave that never falls in with the clock: one edge after the other
         edges = _one_by_one(machine)
     if timing.until < (warm_up + 2) * stretch:
@@ -114,7 +99,67 @@ def build_timeline(machine: Machine) -> Timeline:
         timing.until,
         timing.until // timing.period if timing.period else 0,
         timing.until // timing.every + 1,
+        stopped,
     )
+
+
+def stretch_of(machine: Machine) -> int:
+    """Ticks after which the clocks of the program or of all tasks, and of the record, come together."""
+    timing = machine.timing
+    periods = [task.period for task in timing.tasks] or [timing.period]
+    return math.lcm(*(t for t in (*periods, timing.every) if t))
+
+
+def _repetition(machine: Machine) -> tuple[int, int]:
+    """Ticks of a stretch, and how many of them pass until each is like the one before; a stretch that
+    is longer than the run where none is found."""
+    stretch, timing = stretch_of(machine), machine.timing
+    if not timing.tasks:
+        return stretch, -(-(machine.latency_ticks + 1) // stretch)
+    found = None
+    if timing.until >= 3 * stretch and _clock_events(machine, stretch) <= MOST_FLAT_EVENTS:
+        found = settled(machine, stretch, MOST_FLAT_EVENTS)
+    if found is None:
+        return max(stretch, timing.until + 1), 1
+    after, again = found
+    return again * stretch, after // again
+
+
+def _until_stopped(machine: Machine) -> tuple[Machine, str]:
+    """The machine with its run ending at the first overrun that stops it, and why; or as it is."""
+    timing = machine.timing
+    if not any(task.overrun == "stop" for task in timing.tasks):
+        return machine, ""
+    stretch, warm_up = _repetition(machine)
+    until = min(timing.until + 1, (warm_up + 1) * stretch)
+    note = _rota(machine, until).stopped
+    if note is None:
+        return machine, ""
+    task = timing.tasks[note.task]
+    why = (
+        f"task {task.name!r} has overrun: it had not finished its cycle when the next was due, and it "
+        "has overrun: stop"
+    )
+    return replace(machine, timing=replace(timing, until=note.tick)), why
+
+
+def _rota(machine: Machine, until: int) -> Rota:
+    """What the tasks do before an instant, in order; refused where that is too much."""
+    _refuse_too_many(machine, until, Edges((), ()))
+    return rota_until(machine, until)
+
+
+def _clock_log(machine: Machine, until: int) -> tuple[list[Event], tuple[Note, ...]]:
+    """The events of program or tasks and of the record up to `until` (included), in order, and what
+    became of the cycles of tasks."""
+    timing = machine.timing
+    if timing.tasks:
+        rota = rota_until(machine, until + 1)
+        rows = [(tick, int(Happening.RECORD), 0) for tick in range(0, until + 1, timing.every)]
+        return in_order([*rota.events, *rows]), rota.notes
+    channels = tuple((s.delay_ticks, s.conversion_ticks) for s in machine.samplers)
+    cycles = Cycles(timing.period, timing.compute, timing.every, channels, len(machine.holders))
+    return cycle_events(cycles, until), ()
 
 
 @dataclass(frozen=True, slots=True)
@@ -183,9 +228,13 @@ def _one_by_one(machine: Machine) -> Edges:
 def _clock_events(machine: Machine, until: int) -> int:
     """How many events of cycles and record there are, about."""
     timing = machine.timing
+    rows = until // timing.every
+    if timing.tasks:
+        served = collections.Counter(s.task for s in machine.samplers for _ in range(2))
+        served.update(h.task for h in machine.holders)
+        return rows + sum((2 + served[i]) * (until // t.period) for i, t in enumerate(timing.tasks))
     per_cycle = 3 + 2 * len(machine.samplers) + len(machine.holders)
-    cycles = until // timing.period if timing.period else 0
-    return until // timing.every + per_cycle * cycles
+    return rows + per_cycle * (until // timing.period if timing.period else 0)
 
 
 def _refuse_too_many(machine: Machine, until: int, edges: Edges) -> None:
@@ -195,8 +244,10 @@ def _refuse_too_many(machine: Machine, until: int, edges: Edges) -> None:
             _refuse_wave(machine, index, until)
     timing, count = machine.timing, _clock_events(machine, until)
     if count > MOST_FLAT_EVENTS:
+        periods = [task.period for task in timing.tasks] or [timing.period]
+        told = ", ".join(f"{to_seconds(period):.12g} s" for period in sorted(periods))
         raise PatchError(
-            f"the period {to_seconds(timing.period):.12g} s and the record interval "
+            f"the period{'s' * (len(periods) > 1)} {told} and the record interval "
             f"{to_seconds(timing.every):.12g} s have no short common multiple, so {count:.3g} events "
             f"would have to be laid out one by one (at most {MOST_FLAT_EVENTS}); make one a small "
             "multiple of the other",
@@ -227,134 +278,46 @@ def _refuse_many_intervals(machine: Machine, segments: list[Segment]) -> None:
 def _flat(machine: Machine, edges: Edges) -> list[Segment]:
     until = machine.timing.until
     _refuse_too_many(machine, until, edges)
-    clock = _play_clockwork(_clockwork(machine), until)
-    return [_segment(0, until, 1, sorted([*clock, *edges.within(0, until + 1)]))]
+    clock, notes = _clock_log(machine, until)
+    return [_segment(0, until, 1, in_order([*clock, *edges.within(0, until + 1)]), notes)]
 
 
 def _tiled(machine: Machine, stretch: int, warm_up: int, edges: Edges) -> list[Segment]:
     """Warm-up, then one stretch repeated, broken where a source steps or begins, then the rest."""
     until = machine.timing.until
     _refuse_too_many(machine, (warm_up + 1) * stretch, edges)
-    events = sorted(_play_clockwork(_clockwork(machine), (warm_up + 1) * stretch))
+    events, notes = _clock_log(machine, (warm_up + 1) * stretch)
     first = warm_up * stretch
+    before = tuple(note for note in notes if note.tick < first)
+    again = [n for n in notes if first <= n.tick < first + stretch]
     clock = [(t - first, k, i) for t, k, i in events if first <= t < first + stretch]
 
     def pattern(number: int) -> list[Event]:
-        return sorted([*clock, *edges.within(number * stretch, (number + 1) * stretch)])
+        return in_order([*clock, *edges.within(number * stretch, (number + 1) * stretch)])
+
+    def noted(number: int) -> tuple[Note, ...]:
+        later = (number - warm_up) * stretch
+        return tuple(replace(note, tick=note.tick + later) for note in again)
 
     whole = until // stretch
     broken = {tick // stretch for tick in edges.breaks() if first <= tick < whole * stretch}
     head = [e for e in events if e[0] < first] + edges.within(0, first)
-    segments = [_segment(0, first, 1, sorted(head))]
+    segments = [_segment(0, first, 1, in_order(head), before)]
     at = warm_up
     for number in (*sorted(broken), whole):
         if number > at:
-            segments.append(_segment(at * stretch, stretch, number - at, pattern(at)))
+            segments.append(_segment(at * stretch, stretch, number - at, pattern(at), noted(at)))
         if number < whole:
-            segments.append(_segment(number * stretch, stretch, 1, pattern(number)))
+            segments.append(_segment(number * stretch, stretch, 1, pattern(number), noted(number)))
         at = number + 1
     tail = [e for e in clock if e[0] <= until - whole * stretch]
     tail += edges.within(whole * stretch, until + 1)
-    segments.append(_segment(whole * stretch, until - whole * stretch, 1, sorted(tail)))
+    ended = tuple(note for note in noted(whole) if note.tick <= until)
+    segments.append(_segment(whole * stretch, until - whole * stretch, 1, in_order(tail), ended))
     return segments
 
 
-def _segment(start: int, length: int, repeats: int, events: list[Event]) -> Segment:
-    return Segment(start, length, repeats, (*events, (length, int(Happening.REST), 0)))
-
-
-@dataclass(frozen=True, slots=True)
-class _Clockwork:
-    """All that the clock depends on, in ticks; runs and predictions that share it play it once."""
-
-    period: int
-    compute: int
-    every: int
-    channels: tuple[tuple[int, int], ...]  # of each ADC: multiplexer delay, conversion time
-    dacs: int
-
-
-def _clockwork(machine: Machine) -> _Clockwork:
-    timing = machine.timing
-    channels = tuple((s.delay_ticks, s.conversion_ticks) for s in machine.samplers)
-    return _Clockwork(timing.period, timing.compute, timing.every, channels, len(machine.holders))
-
-
-def _play_clockwork(clockwork: _Clockwork, until: int) -> list[Event]:
-    """The events up to `until` (included), unsorted.
-
-    Times are told in their greatest common divisor, so that clocks of one proportion, such as those of
-    a sweep of T, are one clockwork.
-    """
-    every_time = (
-        clockwork.period,
-        clockwork.compute,
-        clockwork.every,
-        *sum(clockwork.channels, ()),
-    )
-    unit = math.gcd(*every_time)
-    told = _Clockwork(
-        clockwork.period // unit,
-        clockwork.compute // unit,
-        clockwork.every // unit,
-        tuple((delay // unit, conversion // unit) for delay, conversion in clockwork.channels),
-        clockwork.dacs,
-    )
-    return [(at * unit, kind, index) for at, kind, index in _simulated(told, until // unit)]
-
-
-@functools.lru_cache(maxsize=8)
-def _simulated(clockwork: _Clockwork, until: int) -> tuple[Event, ...]:
-    """The same from the SimPy model."""
-    log: list[Event] = []
-    clock = simpy.Environment(initial_time=0)
-    if clockwork.period:
-        clock.process(_cycle_clock(clock, clockwork, log))
-    clock.process(_recorder(clock, clockwork.every, log))
-    clock.run(until=until + 1)
-    return tuple(log)
-
-
-def _cycle_clock(
-    clock: simpy.Environment, clockwork: _Clockwork, log: list[Event]
-) -> Generator[simpy.Event, Any, None]:
-    """Start a cycle every period; a cycle longer than the period overlaps the next (a pipeline)."""
-    while True:
-        clock.process(_cycle(clock, clockwork, log))
-        yield clock.timeout(clockwork.period)
-
-
-def _cycle(
-    clock: simpy.Environment, clockwork: _Clockwork, log: list[Event]
-) -> Generator[simpy.Event, Any, None]:
-    """One digital cycle: convert, compute, latch."""
-    channels = enumerate(clockwork.channels)
-    yield clock.all_of([clock.process(_convert(clock, *c, i, log)) for i, c in channels])
-    log.append((_now(clock), Happening.START, 0))
-    yield clock.timeout(clockwork.compute)
-    log.append((_now(clock), Happening.END, 0))
-    log.extend((_now(clock), Happening.LATCH, i) for i in range(clockwork.dacs))
-
-
-def _convert(
-    clock: simpy.Environment, delay: int, conversion: int, index: int, log: list[Event]
-) -> Generator[simpy.Event, Any, None]:
-    """One ADC channel: wait for the multiplexer, sample, convert."""
-    yield clock.timeout(delay)
-    log.append((_now(clock), Happening.SAMPLE, index))
-    yield clock.timeout(conversion)
-    log.append((_now(clock), Happening.CONVERT, index))
-
-
-def _recorder(
-    clock: simpy.Environment, every: int, log: list[Event]
-) -> Generator[simpy.Event, Any, None]:
-    """Ask for a row of the record every `every` ticks."""
-    for _ in itertools.count():
-        log.append((_now(clock), Happening.RECORD, 0))
-        yield clock.timeout(every)
-
-
-def _now(clock: simpy.Environment) -> int:
-    """SimPy counts in what it is given; here that is whole ticks."""
-    return int(clock.now)
+def _segment(
+    start: int, length: int, repeats: int, events: list[Event], notes: tuple[Note, ...]
+) -> Segment:
+    return Segment(start, length, repeats, (*events, (length, int(Happening.REST), 0)), notes)

@@ -45,7 +45,7 @@ def test_the_rules_are_kept(linted):
 def test_a_new_module_is_under_the_rules(linted, module):
     code, told = linted(module, "import numba\nimport pint\nimport simpy\nimport yaml\n")
     assert code == 1
-    for rule in ("timeline knows simpy", "reads YAML", "engine is compiled", "units knows pint"):
+    for rule in ("clockwork knows simpy", "reads YAML", "engine is compiled", "units knows pint"):
         assert f"{rule} BROKEN" in told
     listed = module.startswith("charts")  # its package has its place among the stages
     assert ("lower stages BROKEN" in told) != listed

@@ -147,6 +147,7 @@ def _section_examples() -> Iterator[object]:
     machine = properties["machine"]["anyOf"][1]
     readouts = properties["readouts"]["additionalProperties"]["oneOf"]
     state = properties["digital"]["properties"]["states"]["additionalProperties"]
+    task = properties["digital"]["properties"]["tasks"]["additionalProperties"]
     places = [
         ("", SCHEMA, ("title", "description", "record")),
         ("machine", machine, ("serial", "tau", "tolerance", "offset", "noise")),
@@ -154,6 +155,8 @@ def _section_examples() -> Iterator[object]:
         ("interface/moment", dac, set(dac["properties"]) - {"initial", "full_scale"}),
         ("digital", properties["digital"], properties["digital"]["properties"]),
         ("digital/states/angle", state, set(state["properties"]) - {"reset_when", "reset_to"}),
+        ("digital/tasks/slow", task, set(task["properties"]) - {"program", "priority"}),
+        ("digital/tasks/only", task, {"priority"}),
         ("modes", properties["modes"], properties["modes"]["properties"]),
         ("run", properties["run"], properties["run"]["properties"]),
         *(("readouts/pitch_mode", readout, readout["properties"]) for readout in readouts),
@@ -167,6 +170,9 @@ def _section_examples() -> Iterator[object]:
 @pytest.mark.parametrize(("path", "key", "example"), list(_section_examples()))
 def test_examples_of_sections(path: str, key: str, example: Any) -> None:
     patch = _example()
+    with_tasks = {"tasks": SCHEMA["properties"]["digital"]["properties"]["tasks"]["examples"][0]}
+    if path.startswith("digital/tasks") or key in ("task", "tasks", "scheduling"):
+        patch["digital"] = copy.deepcopy(with_tasks)
     table = patch
     for step in path.split("/") if path else ():
         table = table.setdefault(step, {})
@@ -176,6 +182,9 @@ def test_examples_of_sections(path: str, key: str, example: Any) -> None:
         table |= {"integrate": "theta_sample", "initial": 0}
     if path == "modes" and key not in ("reset_when", "hold_when"):
         table |= {"reset": "1 ms", "operate": "9 ms"}
+    if path == "digital/tasks/only":  # of all tasks or none
+        patch["digital"]["tasks"] = {"only": table | with_tasks["tasks"]["fast"]}
+        table = patch["digital"]["tasks"]["only"]
     if path == "interface/moment" and key == "unit":
         example = "mrad/s^2"  # the example is meant for a component in rad
     table[key] = example

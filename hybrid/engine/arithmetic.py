@@ -160,13 +160,14 @@ def operate(op: int, held: float, a: float, b: float) -> float:
 
 
 @inlined
-def run_tape(code: npt.NDArray[np.int32], r: Floats) -> None:
-    """Play the operations of one cycle on registers `r`, of a program without tables and helpers.
+def run_tape(code: npt.NDArray[np.int32], r: Floats, first: int, stop: int) -> None:
+    """Play the operations `first` to before `stop` on registers `r`, of a program without tables and
+    helpers.
 
     It is in the kernel's common path: calls with arrays, as these need them, would count references.
     """
-    k = 0
-    while k < code.shape[0]:
+    k = first
+    while k < stop:
         op, target, a, b = code[k, 0], code[k, 1], r[code[k, 2]], r[code[k, 3]]
         if op == SKIP:
             result = a
@@ -207,9 +208,9 @@ def run_wide(
 
 
 @inlined
-def remember(memory: npt.NDArray[np.int32], r: Floats) -> None:
-    """End a cycle: registers `r` of earlier values take over what they keep."""
-    for m in range(memory.shape[0]):
+def remember(memory: npt.NDArray[np.int32], r: Floats, first: int, stop: int) -> None:
+    """End a cycle: registers `r` of earlier values take over what rows `first` to before `stop` keep."""
+    for m in range(first, stop):
         keeps, source, length = memory[m, KEEPS], memory[m, SOURCE_OF], memory[m, LENGTH]
         if length == 0:
             r[keeps] = r[source]

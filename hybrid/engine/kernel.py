@@ -62,7 +62,7 @@ class Coupling(NamedTuple):
 
 
 class Deck(NamedTuple):
-    """The program."""
+    """The programs, one after the other; a row of `starts` has the first of each and of the next."""
 
     code: npt.NDArray[np.int32]
     words: npt.NDArray[np.int32]
@@ -73,6 +73,8 @@ class Deck(NamedTuple):
     lengths: Floats
     owner: npt.NDArray[np.int32]  # (operations,): the word each helps to compute
     wide: Ints  # (1,): how many operations have their arguments side by side
+    shared: npt.NDArray[np.int32]  # words of other programs: register, word
+    starts: Ints  # (programs + 1, 4): rows of code, words, memory, shared
 
 
 class Pens(NamedTuple):
@@ -90,6 +92,7 @@ class State(NamedTuple):
     sample: Floats  # (adcs,): held by sample and hold
     registers: Floats
     ring: Floats  # (depth, words): results on their way
+    slots: Ints  # (programs, 2): rows of the ring, of the next results to be and of the oldest
     words: Floats  # (words,): results that can be read
     counts: Ints  # see the constants below
     overload: Ints  # (signals + adcs + dacs + words, 6): see the constants below
@@ -102,9 +105,9 @@ class State(NamedTuple):
 # What a cue asks for.
 ADVANCE, SAMPLE, CONVERT, TAKE, START, END, LATCH, SOURCE, LOOK, RECORD = range(10)
 
-# Indices into State.counts: slots of the ring, rows to skip, rows written, draws used, place in the
+# Indices into State.counts: rows to skip, rows written, draws used, place in the
 # segment; whether an overload ends the run: NEVER, the next one, or one that is there already.
-STARTED, ENDED, SKIP, ROWS, DRAWS, REPEAT, CUE, STOPS = range(8)
+SKIP, ROWS, DRAWS, REPEAT, CUE, STOPS = range(6)
 NEVER, NEXT, AT_ONCE = range(3)
 # Indices into a row of State.overload: how many instants beyond range, the first (repeat, instant), the
 # worst, and a number for the last instant noted, so that x- and x+ count as one.
@@ -175,14 +178,18 @@ def any_noted(notes: Ints) -> bool:
 
 
 @compiled
-def play_rounded(deck: Deck, state: State, row: int, repeat: int, at: int, last: int) -> bool:
+def play_rounded(
+    deck: Deck, state: State, program: int, row: int, repeat: int, at: int, last: int
+) -> bool:
     """Compute a cycle of limited word length; whether a word overflowed that is to stop the run.
 
-    row: of the notes, the first for words. Values noted are in full scales of the word.
+    program: which one; row: of the notes, the first for words. Values noted are in full scales of the
+    word.
     """
-    code, length_of, lengths, owner = deck.code, deck.length_of, deck.lengths, deck.owner
+    first, end = deck.starts[program, 0], deck.starts[program + 1, 0]
+    code, length_of, lengths, owner = deck.code[:end], deck.length_of, deck.lengths, deck.owner
     r, notes, values = state.registers, state.overload, state.beyond
-    stop, k = False, 0
+    stop, k = False, first
     while True:
         k = run_rounded(
             code,
@@ -196,7 +203,7 @@ def play_rounded(deck: Deck, state: State, row: int, repeat: int, at: int, last:
             state.asked,
             state.intervals,
         )
-        if k == code.shape[0]:
+        if k == end:
             return stop
         length, target = lengths[length_of[k]], code[k, 1]
         full_scale = math.ldexp(length[STEP], int(length[BITS]) - 1)
@@ -233,16 +240,17 @@ def play(
     adc, adc_figures, dac, dac_figures, steps, step_values = coupling
     code, word_registers, memory, figures, layout = deck[:5]
     limited = deck.length_of.shape[0] > 0  # the word length
+    shared, starts = deck.shared, deck.starts
     source, factor = pens
-    v, next_v, sample, registers, ring, words, count, notes, values, outside = state[:10]
+    v, next_v, sample, registers, ring, slots, words, count, notes, values, outside = state[:11]
     asked, intervals = state.asked, state.intervals
     plain, clock = not limited and deck.wide[0] == 0, outside.shape[0] - 1
     signals, adcs, depth = signal.shape[0], adc.shape[0], ring.shape[0]
+    noted = signals + adcs + dac.shape[0]  # the first row of notes for words
     blocks, columns = change.shape[1], change.shape[2]
     inputs, sums, inputs_at = reach.shape[0], reach.shape[1], kept.shape[0]
     draws_at, column_at = inputs_at + inputs, v.shape[0] - columns
     sums_at = column_at - sums
-    started, ended = count[STARTED], count[ENDED]
     skip, row, drawn = count[SKIP], count[ROWS], count[DRAWS]
     repeat, at, last = count[REPEAT], count[CUE], cues[cues.shape[0] - 1, 2]
     stops = count[STOPS]
@@ -304,16 +312,17 @@ def play(
                     outcome = OVERLOADED
                     break
             elif cue == START:
+                for k in range(starts[i, 3], starts[i + 1, 3]):
+                    registers[shared[k, 0]] = words[shared[k, 1]]
                 if plain:
-                    run_tape(code, registers)
+                    run_tape(code, registers, starts[i, 0], starts[i + 1, 0])
                 else:
                     outside[clock, library.REPEAT] = repeat
                     outside[clock, library.INSTANT] = cues[at, 2]
                     if not limited:
-                        run_wide(code, registers, figures, layout, outside, asked, intervals)
-                    elif play_rounded(
-                        deck, state, signals + adcs + dac.shape[0], repeat, cues[at, 2], last
-                    ):
+                        own = code[starts[i, 0] : starts[i + 1, 0]]
+                        run_wide(own, registers, figures, layout, outside, asked, intervals)
+                    elif play_rounded(deck, state, i, noted, repeat, cues[at, 2], last):
                         outcome = OVERFLOWED
                     elif stops != NEVER and any_noted(notes):
                         outcome = OVERLOADED
@@ -321,18 +330,20 @@ def play(
                         outcome = OUTSIDE
                     if outcome != PAUSED:
                         break
-                for w in range(word_registers.shape[0]):
-                    ring[started, w] = registers[word_registers[w]]
-                remember(memory, registers)
-                started = started + 1 if started + 1 < depth else 0
+                slot = slots[i, 0]
+                for w in range(starts[i, 1], starts[i + 1, 1]):
+                    ring[slot, w] = registers[word_registers[w]]
+                remember(memory, registers, starts[i, 2], starts[i + 1, 2])
+                slots[i, 0] = slot + 1 if slot + 1 < depth else 0
             elif cue == END:
-                for w in range(words.shape[0]):
-                    words[w] = ring[ended, w]
+                slot = slots[i, 1]
+                for w in range(starts[i, 1], starts[i + 1, 1]):
+                    words[w] = ring[slot, w]
                     if not math.isfinite(words[w]):
                         outcome = NOT_FINITE
                 if outcome != PAUSED:
                     break
-                ended = ended + 1 if ended + 1 < depth else 0
+                slots[i, 1] = slot + 1 if slot + 1 < depth else 0
             elif cue in (LATCH, SOURCE):
                 if cue == LATCH:
                     held = dac[i, 1]
@@ -380,8 +391,7 @@ def play(
         if outcome == PAUSED and at == cues.shape[0]:
             at = 0
             repeat += 1
-    count[STARTED], count[ENDED], count[SKIP] = started, ended, skip
-    count[ROWS], count[DRAWS], count[REPEAT], count[CUE] = row, drawn, repeat, at
+    count[SKIP], count[ROWS], count[DRAWS], count[REPEAT], count[CUE] = skip, row, drawn, repeat, at
     return outcome
 
 

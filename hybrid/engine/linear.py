@@ -12,6 +12,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from hybrid.clockwork import Happening
 from hybrid.engine import kernel
 from hybrid.engine.kernel import Coupling, Deck, Pens, Plant, Score, State
 from hybrid.engine.library import SEGMENT
@@ -22,7 +23,7 @@ from hybrid.modes import CONTINUE
 from hybrid.scale import to_seconds
 from hybrid.streams import stream
 from hybrid.tape import FIRST_WIDE
-from hybrid.timeline import Happening, Segment, Timeline
+from hybrid.timeline import Segment, Timeline
 
 # Small enough to answer Ctrl-C at once and to keep the normal draws in the cache.
 CHUNK_CUES = 1_000_000
@@ -376,6 +377,8 @@ def _deck(machine: Machine) -> Deck:
         tape.lengths,
         owner,
         np.array([np.count_nonzero(tape.code[:, 0] >= FIRST_WIDE)], dtype=np.int64),
+        tape.shared,
+        tape.starts,
     )
 
 
@@ -391,7 +394,7 @@ def _pens(machine: Machine, pens: tuple[Pen, ...]) -> Pens:
 
 def _state(machine: Machine, plant: Plant) -> State:
     analog, timing = machine.analog, machine.timing
-    latency = timing.compute // timing.period + 2 if timing.period else 1
+    latency = timing.compute // timing.period + 2 if timing.period and not timing.tasks else 2
     words = len(machine.tape.words)
     watched = len(analog.signals) + len(machine.samplers) + len(machine.holders) + words
     z = np.concatenate([analog.x0, analog.u0])
@@ -404,8 +407,9 @@ def _state(machine: Machine, plant: Plant) -> State:
         np.zeros(len(machine.samplers)),
         machine.tape.registers.copy(),
         np.zeros((latency, words)),
+        np.zeros((max(len(timing.tasks), 1), 2), dtype=np.int64),
         machine.tape.registers[machine.tape.word_registers],
-        np.zeros(8, dtype=np.int64),
+        np.zeros(6, dtype=np.int64),
         np.zeros((watched, 6), dtype=np.int64),
         np.zeros((watched, 2)),
         np.zeros((len(machine.tape.sites) + 1, 6)),

@@ -9,7 +9,15 @@ from typing import TYPE_CHECKING
 
 from hybrid.errors import PatchError, Place, did_you_mean, quoted
 from hybrid.fields import Fields, FullScale, check_name, one_kind, only_keys, table_of
-from hybrid.language import ADC_KEYS, DAC_KEYS, DIGITAL_KEYS, ERROR_KEYS, Key
+from hybrid.language import (
+    ADC_KEYS,
+    DAC_KEYS,
+    DIGITAL_KEYS,
+    ERROR_KEYS,
+    ONE_PROGRAM_KEYS,
+    TASK_KEYS,
+    Key,
+)
 from hybrid.modes import LOGIC
 from hybrid.patchfile.files import Files
 from hybrid.tables import Table as LookUpTable
@@ -28,8 +36,15 @@ MOST_ENTRIES = {
     "interface": 1000,
     "program": 5000,
     "states": 1000,
+    "tasks": 100,
     "readouts": 1000,
 }
+
+
+# What only a machine with one program has, and what is of the whole machine.
+STATE_SECTIONS = ("states", "integration")
+WORD_SECTIONS = ("word", "words")
+_WORDS_OF_TASKS = "give word and words in digital, for the words of all tasks"
 
 
 class Role(Enum):
@@ -68,6 +83,7 @@ class Book:
         self.scope: dict[str, Dimension | None] = {}  # parameters, for arithmetic
         self.units: dict[str, str] = {}  # in which the parameters are written
         self.scales: dict[str, FullScale] = {}  # of analog signals, DACs and ADCs
+        self.tasks: tuple[str, ...] = ()
         for section in root.entries:
             if section in ("parameters", "tables", "models", "analog", "interface"):
                 self._take_section(section)
@@ -155,16 +171,23 @@ class Book:
 
     def _take_words(self) -> None:
         digital = table_of(self.root.entries["digital"], "digital")
-        only_keys(digital, DIGITAL_KEYS, "digital", self.root.places["digital"])
-        if not {"program", "states"} & digital.entries.keys():
+        only_keys(digital, digital_keys(digital), "digital", self.root.places["digital"])
+        tasks = tasks_of(digital)
+        self.tasks = tuple(name for name, _, _ in tasks)
+        if not tasks and not {"program", "states"} & digital.entries.keys():
             raise PatchError(
                 "digital has no program; add program: (assignments, word: arithmetic) or states:",
                 self.root.places["digital"],
             )
-        for section in digital.entries:
+        for within in [task for _, task, _ in tasks] or [digital]:
+            self._take_program(within)
+
+    def _take_program(self, within: Table) -> None:
+        """The words of one program, and its states."""
+        for section in within.entries:
             if section not in ("program", "states"):
                 continue
-            table = table_of(digital.entries[section], section, "word: arithmetic")
+            table = table_of(within.entries[section], section, "word: arithmetic")
             if not table.entries:
                 message = f"the {section} has no words; give word: arithmetic"
                 if section == "states":
@@ -181,6 +204,54 @@ class Book:
             first = f"the {self.roles[name].value} in line {self.places[name].line}"
             raise PatchError(f"{name!r} is defined twice, first as {first}; rename one", place)
         self.roles[name], self.places[name] = role, place
+
+
+def digital_keys(digital: Table) -> tuple[Key, ...]:
+    """The keys of the digital machine: with tasks, each has a period and a program of its own."""
+    if "tasks" not in digital.entries:
+        if "scheduling" in digital.entries:
+            place = digital.places["scheduling"]
+            raise PatchError("scheduling is of tasks; digital has no tasks", place)
+        return DIGITAL_KEYS
+    for key in ONE_PROGRAM_KEYS:
+        if key in digital.entries:
+            raise PatchError(
+                f"digital has both tasks and {key}; give each task a {key} of its own",
+                digital.places[key],
+            )
+    for key in STATE_SECTIONS:
+        if key in digital.entries:
+            raise PatchError(
+                f"digital has both tasks and {key}; states are of a machine with one program: give "
+                "period and program in place of tasks, or integrate in a task with previous(...)",
+                digital.places[key],
+            )
+    without = (*ONE_PROGRAM_KEYS, *STATE_SECTIONS)
+    return tuple(key for key in DIGITAL_KEYS if key.name not in without)
+
+
+def tasks_of(digital: Table) -> list[tuple[str, Table, Place]]:
+    """The tasks by name, each with the keys that it must have; none where there is one program."""
+    if "tasks" not in digital.entries:
+        return []
+    section = table_of(digital.entries["tasks"], "tasks", "name: task")
+    if not section.entries:
+        raise PatchError(
+            "tasks has no task; give name: {period, compute_time, program}", section.place
+        )
+    found = []
+    for name, tree, place in sorted(_limited(section, "tasks"), key=lambda entry: entry[0]):
+        check_name(name, place, "task")
+        table = table_of(tree, f"task {quoted(name)}")
+        for key in (*STATE_SECTIONS, *WORD_SECTIONS):
+            if key in table.entries:
+                advice = (
+                    "integrate with previous(...)" if key in STATE_SECTIONS else _WORDS_OF_TASKS
+                )
+                raise PatchError(f"task {name!r} cannot have {key}; {advice}", table.places[key])
+        only_keys(table, TASK_KEYS, f"task {name!r}", place)
+        found.append((name, table, place))
+    return found
 
 
 def _limited(table: Table, section: str) -> Table:

@@ -132,6 +132,12 @@ class Files:
             root = read_yaml(content, name)
             only_keys(root, [replace(key, required=False) for key in TOP_KEYS], "the sub-patch")
             self._definitions[name] = definition_in(name, root)
+            digital = self._definitions[name].section("digital")
+            if digital and "tasks" in digital.entries:
+                raise PatchError(
+                    "a sub-patch cannot have tasks, which are of the whole machine; give it program:",
+                    digital.places["tasks"],
+                )
             self.texts[name] = content
         return self._definitions[name]
 

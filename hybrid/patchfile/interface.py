@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 
 from hybrid.errors import PatchError, Place, did_you_mean, quoted
+from hybrid.fields import Fields
 from hybrid.language import ADC_KEYS, DAC_KEYS, ERROR_KEYS
 from hybrid.patch import Adc, Dac
 from hybrid.patchfile.book import Book, Role
@@ -71,4 +72,18 @@ def _adc(book: Book, name: str, table: Table, place: Place) -> Adc:
         values.get("conversion_time"),
         fields.integer("channel", 0),
         place,
+        _task(book, fields, what),
     )
+
+
+def _task(book: Book, fields: Fields, what: str) -> str | None:
+    """The task that is to sample an ADC; None where it is not given."""
+    if "task" not in fields.table.entries:
+        return None
+    task, place = fields.text("task"), fields.place("task")
+    if not book.tasks:
+        raise PatchError(f"{what} is sampled by task {quoted(task)}; the patch has no tasks", place)
+    if task not in book.tasks:
+        hint = did_you_mean(task, book.tasks)
+        raise PatchError(f"{what} is sampled by unknown task {quoted(task)}; {hint}", place)
+    return task

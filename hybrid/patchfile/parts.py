@@ -287,6 +287,13 @@ def _digital(digital: Table, made: Mapping[str, Table]) -> Table:
     entries, places = dict(digital.entries), dict(digital.places)
     for name in WITHIN_DIGITAL:
         if made[name].entries:
+            if "tasks" in entries and name not in entries:
+                word, place = next(iter(made[name].places.items()))
+                raise PatchError(
+                    f"the word {word!r} of a part belongs to no task; parts of a machine with tasks "
+                    "cannot have words: write its arithmetic in the program of a task",
+                    place,
+                )
             entries[name] = made[name]
             places.setdefault(name, digital.place)
     return Table(entries, places, digital.place)

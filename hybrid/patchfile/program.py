@@ -1,9 +1,9 @@
-"""The section `digital`: the digital machine's clock and its program."""
+"""The section `digital`: the digital machine's clock and its program, or its tasks."""
 
 from __future__ import annotations
 
 import functools
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 
 from hybrid.errors import PatchError, Place, did_you_mean, quoted
@@ -17,13 +17,13 @@ from hybrid.expressions import (
     shown,
     to_text,
 )
-from hybrid.fields import table_of, value_of
+from hybrid.fields import Fields, table_of, value_of
 from hybrid.graph import dependency_order, find_loop
 from hybrid.integration import next_of
-from hybrid.language import DIGITAL_KEYS
+from hybrid.language import TASK_KEYS, Key
 from hybrid.parsing import parse
-from hybrid.patch import Assignment, Program, State, Value
-from hybrid.patchfile.book import Book, Role
+from hybrid.patch import Assignment, Program, State, Task, Value
+from hybrid.patchfile.book import Book, Role, digital_keys, tasks_of
 from hybrid.patchfile.models import check_input, model_names, model_words, refuse_model_name
 from hybrid.patchfile.states import read_states, settle_dimensions, with_dimension
 from hybrid.patchfile.wordlengths import read_word_length, read_word_lengths
@@ -38,24 +38,22 @@ def read_program(book: Book) -> Program | None:
     digital = book.section("digital")
     if digital is None:
         return None
-    fields = book.fields(digital, "digital", DIGITAL_KEYS, book.root.places["digital"])
-    values = fields.quantities(DIGITAL_KEYS)
-    tree = digital.entries.get("program")
-    table = table_of(tree, "program", "word: arithmetic") if tree else ()
+    keys = digital_keys(digital)
+    fields = book.fields(digital, "digital", keys, book.root.places["digital"])
+    values, tables = fields.quantities(keys), [t for _, t, _ in tasks_of(digital)] or [digital]
     readable = frozenset(book.named(Role.PARAMETER, Role.ADC, Role.WORD)) | model_names(book)
-    written = {word: _assignment(book, word, tree, readable) for word, tree, _ in table}
     states = read_states(book, digital, readable)
-    entries: tuple[Assignment | State, ...] = (*written.values(), *states.values())
-    read = frozenset[str]().union(*(names(expr) for entry in entries for expr in entry.reads))
-    for entry in entries:
-        for expr in entry.reads:
-            _check_reads(book, entry, expr, readable, states)
-    written |= model_words(book, read, readable)
-    order = _order(written, states)
+    programs = _programs(book, tables, states, readable)
+    _check_previous(programs, states)
+    written = {word: found for program in programs for word, found in program.items()}
+    orders = [_order(program, states) for program in programs]
+    order = tuple(word for words in orders for word in words)
     remember = _remember(book, digital, written, states)
-    dimensions = _word_dimensions(book, {word: written[word] for word in order}, states, remember)
+    in_order = {word: written[word] for word in order}
+    dimensions = _word_dimensions(book, in_order, states, remember, len(programs))
+    tasks = _tasks(book, digital, orders)
     return Program(
-        values["period"],
+        tasks[0].period if tasks else values["period"],
         values.get("compute_time"),
         values.get("skew"),
         tuple(replace(written[word], dimension=dimensions[word]) for word in order),
@@ -64,7 +62,84 @@ def read_program(book: Book) -> Program | None:
         tuple(with_dimension(state, dimensions) for state in states.values()),
         read_word_length(book, digital),
         read_word_lengths(book, digital, dimensions, frozenset((*written, *states))),
+        tasks,
+        not _chosen(fields, keys, "scheduling"),
     )
+
+
+def _programs(
+    book: Book, tables: Sequence[Table], states: Mapping[str, State], readable: frozenset[str]
+) -> list[dict[str, Assignment]]:
+    """The assignments of each program, by word; what several read of a model the first computes.
+
+    states: of the only program, where there are any.
+    """
+    programs: list[dict[str, Assignment]] = []
+    known = set[str]()
+    for table in tables:
+        tree = table.entries.get("program")
+        entries = table_of(tree, "program", "word: arithmetic") if tree else ()
+        program = {word: _assignment(book, word, tree, readable) for word, tree, _ in entries}
+        reading: tuple[Assignment | State, ...] = (*program.values(), *states.values())
+        read = frozenset[str]().union(*(names(expr) for entry in reading for expr in entry.reads))
+        for entry in reading:
+            for expr in entry.reads:
+                _check_reads(book, entry, expr, readable, states)
+        found = model_words(book, read, readable)
+        program |= {word: entry for word, entry in found.items() if word not in known}
+        known |= program.keys()
+        programs.append(program)
+    return programs
+
+
+def _check_previous(
+    programs: Sequence[Mapping[str, Assignment]], states: Mapping[str, State]
+) -> None:
+    """previous() is of the cycles of one task; of another only the last result is known."""
+    for program in programs:
+        for word, assignment in program.items():
+            for name in sorted(previous_names(assignment.expr) - program.keys() - states.keys()):
+                raise PatchError(
+                    f"word {word!r} reads previous({name}) of another task; read {name}, which is that "
+                    f"task's last result, or the previous() of a word {word}_copy: {name} of its own",
+                    assignment.place,
+                )
+
+
+def _tasks(book: Book, digital: Table, orders: Sequence[tuple[str, ...]]) -> tuple[Task, ...]:
+    """The tasks by name, or none where there is one program."""
+    found = []
+    for (name, table, place), words in zip(tasks_of(digital), orders, strict=False):
+        fields = book.fields(table, f"task {name!r}", TASK_KEYS, place)
+        values = fields.quantities(TASK_KEYS)
+        given = "priority" in table.entries
+        overruns = next(key for key in TASK_KEYS if key.name == "overrun").choices
+        found.append(
+            Task(
+                name,
+                values["period"],
+                values.get("phase"),
+                fields.integer("priority", 0) if given else None,
+                values["compute_time"],
+                overruns[_chosen(fields, TASK_KEYS, "overrun")],
+                words,
+                place,
+            )
+        )
+    if len({task.priority is None for task in found}) > 1:
+        first = next(task for task in found if task.priority is None)
+        raise PatchError(
+            f"task {first.name!r} has no priority; give all tasks one, or none (then the shorter the "
+            "period, the higher)",
+            first.place,
+        )
+    return tuple(found)
+
+
+def _chosen(fields: Fields, keys: Sequence[Key], name: str) -> int:
+    """Which of a key's choices is given; the first where none is."""
+    value = fields.wholes([key for key in keys if key.name == name]).get(name)
+    return int(value.number({})) if value else 0
 
 
 def _assignment(book: Book, word: str, tree: Tree, readable: frozenset[str]) -> Assignment:
@@ -187,8 +262,9 @@ def _word_dimensions(
     written: Mapping[str, Assignment],
     states: Mapping[str, State],
     remember: Remembered,
+    programs: int,
 ) -> dict[str, Dimension | None]:
-    """Dimension of every word; written: in the order in which they are computed."""
+    """Dimension of every word; written: in the order in which each program computes them."""
     scope: dict[str, Dimension | None] = dict(book.scope)
     scope |= {name: book.scales[name].dimension for name in book.named(Role.ADC)}
     scope |= dict.fromkeys(written)
@@ -196,7 +272,7 @@ def _word_dimensions(
     for word, (_, dimension) in remember.items():
         # A bare first value says nothing about the unit.
         scope[word] = None if dimension is None or dimension.is_pure else dimension
-    settle_dimensions(written, states, scope, functools.partial(check_input, book))
+    settle_dimensions(written, states, scope, functools.partial(check_input, book), programs)
     for word, (_, stated) in remember.items():
         if stated and not stated.is_pure and scope[word] not in (None, PURE, stated):
             raise PatchError(

@@ -92,14 +92,15 @@ def settle_dimensions(
     states: Mapping[str, State],
     scope: Dimensions,
     check: Callable[[str, Dimension | None], None],
+    programs: int,
 ) -> None:
     """Find the dimension of every word and state, in `scope`; raises PatchError where two conflict.
 
     written: in the order in which they are computed. A word may use its own last value, and a state has
-    the dimension of its rate times a time, so it takes passes until nothing new is found. check: of each
-    word, may refuse its dimension.
+    the dimension of its rate times a time, and words of tasks may use those of each other, so it takes
+    passes until nothing new is found. check: of each word, may refuse its dimension.
     """
-    for _ in range(len(states) + 2):
+    for _ in range(len(states) + programs + 1):
         before = dict(scope)
         for word, assignment in written.items():
             found = _dimension(assignment.expr, scope, f"word {word!r}", assignment.place)

@@ -1,0 +1,140 @@
+"""What the tasks of a machine do on their processor: when, from when on it repeats, and how well.
+
+Stage 3. `processor` plays the tasks; here it is asked how far it must be played, and what the cycles of
+each task came to.
+"""
+
+from __future__ import annotations
+
+import functools
+from collections.abc import Iterable
+from dataclasses import dataclass
+
+from hybrid.clockwork import Event
+from hybrid.errors import PatchError
+from hybrid.machine import Machine
+from hybrid.processor import MOST_BEHIND, Duty, FallsBehind, Note, Processor, TaskClock
+from hybrid.scale import to_seconds
+
+
+@dataclass(frozen=True, slots=True)
+class Rota:
+    """The events and notes of all tasks until before some instant, in the processor's order."""
+
+    events: tuple[Event, ...]
+    notes: tuple[Note, ...]
+    stopped: Note | None = None  # the first overrun of a task that stops the run
+
+
+def duty_of(machine: Machine) -> Duty:
+    """The tasks with the converters that each serves."""
+    tasks = []
+    for number, task in enumerate(machine.timing.tasks):
+        channels = [
+            (i, s.delay_ticks, s.conversion_ticks)
+            for i, s in enumerate(machine.samplers)
+            if s.task == number
+        ]
+        dacs = [i for i, h in enumerate(machine.holders) if h.task == number]
+        tasks.append(
+            TaskClock(
+                task.period,
+                task.phase,
+                task.compute,
+                task.rank,
+                task.overrun,
+                tuple(channels),
+                tuple(dacs),
+            )
+        )
+    return Duty(tuple(tasks), machine.timing.preemptive)
+
+
+def rota_until(machine: Machine, until: int) -> Rota:
+    """What the tasks do before the instant `until`; raises PatchError where one falls ever further
+    behind."""
+    try:
+        return _rota(duty_of(machine), until)
+    except FallsBehind as error:
+        raise _behind(machine, error) from None
+
+
+def settled(machine: Machine, stretch: int, most_events: int) -> tuple[int, int] | None:
+    """After how many stretches (at least one) the tasks repeat what they do, and how many stretches
+    that takes, where the first is a multiple of the second; None where it is not found in the run or
+    within `most_events` events. Raises PatchError as `rota_until` does."""
+    try:
+        return _settled(duty_of(machine), stretch, machine.timing.until, most_events)
+    except FallsBehind as error:
+        raise _behind(machine, error) from None
+
+
+def _behind(machine: Machine, error: FallsBehind) -> PatchError:
+    task = machine.timing.tasks[error.task]
+    total = sum(t.compute / t.period for t in machine.timing.tasks)
+    return PatchError(
+        f"task {task.name!r} falls more than {MOST_BEHIND} cycles behind: the processor is asked for "
+        f"{100 * total:.4g} % of its time; lengthen a period, shorten a compute_time, or leave cycles "
+        "out with overrun: skip",
+        task.place,
+    )
+
+
+# Runs, checks and predictions of one machine ask for the same.
+@functools.lru_cache(maxsize=8)
+def _rota(duty: Duty, until: int) -> Rota:
+    processor = Processor(duty)
+    processor.run(until)
+    return Rota(tuple(processor.log), tuple(processor.notes), processor.stopped)
+
+
+@functools.lru_cache(maxsize=64)
+def _settled(duty: Duty, stretch: int, until: int, most_events: int) -> tuple[int, int] | None:
+    """Played until the state at the end of a stretch, seen from there, is one that has been before."""
+    processor, number = Processor(duty), 0
+    seen: dict[tuple[object, ...], int] = {}
+    while len(processor.log) <= most_events and number * stretch <= until:
+        state = processor.state()
+        if state in seen:
+            first = seen[state]
+            again = number - first
+            return max(-(-first // again), 1) * again, again
+        seen[state] = number
+        number += 1
+        processor.run(number * stretch)
+    return None
+
+
+# -- how well the tasks did -------------------------------------------------------------------------
+
+
+@dataclass(frozen=True, slots=True)
+class TaskReport:
+    """What the cycles of one task came to; times in s of problem time, None where no cycle ended."""
+
+    task: str
+    cycles: int  # finished
+    overruns: int  # ticks of its clock at which the cycle before was not finished
+    worst_response_s: float | None  # from the tick to the results
+    utilisation: float  # share of the processor's time that it is meant to take
+
+
+def reports(machine: Machine, notes: Iterable[tuple[Note, int]]) -> tuple[TaskReport, ...]:
+    """Of every task, by name; `notes` with how often each stands for a cycle."""
+    cycles, overruns, worst = dict[int, int](), dict[int, int](), dict[int, int]()
+    for note, times in notes:
+        if note.response is None:
+            overruns[note.task] = overruns.get(note.task, 0) + times
+        else:
+            cycles[note.task] = cycles.get(note.task, 0) + times
+            worst[note.task] = max(worst.get(note.task, 0), note.response)
+    return tuple(
+        TaskReport(
+            task.name,
+            cycles.get(i, 0),
+            overruns.get(i, 0),
+            to_seconds(worst[i]) if i in worst else None,
+            task.compute / task.period,
+        )
+        for i, task in enumerate(machine.timing.tasks)
+    )

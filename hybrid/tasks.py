@@ -1,0 +1,102 @@
+"""The clocks of the digital machine: of its one program, or of its tasks and who serves which converter.
+
+Stage 3, for `compiler`.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+from hybrid.errors import PatchError
+from hybrid.expressions import names
+from hybrid.machine import TaskTiming
+from hybrid.patch import Adc, Dac, Program, Task, Value
+from hybrid.scale import to_ticks
+
+# 30 million years; no duration may be longer.
+LONGEST_S = 1e15
+# What a share of the processor may be above 1 by rounding of its terms.
+ROUNDING = 1e-12
+
+
+def ticks_of(duration: Value | None, scope: Mapping[str, float], time_scale: float = 1.0) -> int:
+    """A duration in ticks of problem time, 0 where it is not given."""
+    if duration is None:
+        return 0
+    seconds = duration.number(scope) * time_scale
+    if seconds > LONGEST_S:
+        raise PatchError(
+            f"{duration.what} is {seconds:g} s; at most {LONGEST_S:g} s are possible",
+            duration.place,
+        )
+    ticks = to_ticks(seconds)
+    if duration.positive and ticks == 0:
+        raise PatchError(
+            f"{duration.what} is {seconds:g} s, below a femtosecond, the resolution of time; "
+            "give a longer one",
+            duration.place,
+        )
+    return ticks
+
+
+def task_timings(
+    program: Program, scope: Mapping[str, float], time_scale: float
+) -> tuple[TaskTiming, ...]:
+    """The tasks by name, ranked: by priority (without any: the shorter the period, the higher), then by
+    name. Raises PatchError where cycles would pile up."""
+    periods = {task.name: ticks_of(task.period, scope) for task in program.tasks}
+
+    def place(task: Task) -> tuple[int, str]:
+        first = periods[task.name] if task.priority is None else -task.priority
+        return first, task.name
+
+    ranks = {task.name: rank for rank, task in enumerate(sorted(program.tasks, key=place))}
+    tasks = tuple(
+        TaskTiming(
+            task.name,
+            periods[task.name],
+            ticks_of(task.phase, scope),
+            ticks_of(task.compute_time, scope, time_scale),
+            ranks[task.name],
+            task.overrun,
+            task.place,
+        )
+        for task in program.tasks
+    )
+    _refuse_piling_up(tasks)
+    return tasks
+
+
+def utilisation(tasks: tuple[TaskTiming, ...]) -> float:
+    """The share of its time that the processor is asked for."""
+    return sum(task.compute / task.period for task in tasks)
+
+
+def _refuse_piling_up(tasks: tuple[TaskTiming, ...]) -> None:
+    total = utilisation(tasks)
+    queued = next((task for task in tasks if task.overrun == "queue"), None)
+    if queued and total > 1.0 + ROUNDING:
+        raise PatchError(
+            f"the tasks ask for {100 * total:.4g} % of the processor's time, and the cycles of task "
+            f"{queued.name!r} would pile up (overrun: queue); lengthen a period, shorten a "
+            "compute_time, or give overrun: skip or stop",
+            queued.place,
+        )
+
+
+def task_of_adc(adc: Adc, program: Program, tasks: tuple[TaskTiming, ...]) -> int:
+    """The task whose clock samples an ADC: the one it names, else of those that read it the first by
+    rank, else (nobody reads it) the first of all."""
+    if adc.task is not None:
+        return next(i for i, task in enumerate(tasks) if task.name == adc.task)
+    readers = [
+        i
+        for i, written in enumerate(program.programs)
+        if any(adc.name in names(assignment.expr) for assignment in written)
+    ]
+    return min(readers or range(len(tasks)), key=lambda i: tasks[i].rank)
+
+
+def task_of_dac(dac: Dac, program: Program) -> int:
+    """The task that computes the word of a DAC."""
+    return next(i for i, task in enumerate(program.tasks) if dac.word in task.words)
