@@ -28,6 +28,8 @@ from hybrid.runs import check_windows, thinning, thinning_text
 from hybrid.scale import time_scale_text, to_seconds, to_ticks
 from hybrid.timeline import build_timeline
 from hybrid.trial import Trial, Use, try_out, uses
+from hybrid.workload import TaskRow, task_rows, to_dicts
+from hybrid.workload import warnings as workload_warnings
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -111,6 +113,7 @@ class Check:
     prediction: str
     events: str
     warnings: tuple[str, ...] = ()
+    tasks: tuple[TaskRow, ...] = ()  # the work of the digital machine
 
     def to_dict(self) -> dict[str, Any]:
         """Everything as plain data."""
@@ -125,6 +128,7 @@ class Check:
             "loops": [asdict(loop) for loop in self.loops],
             "prediction": self.prediction,
             "events": self.events,
+            "tasks": to_dicts(self.tasks),
             "warnings": list(self.warnings),
         }
 
@@ -179,7 +183,7 @@ def check(
     thinned = thinning_text(thinning(compiled, timeline.rows))
     tried = try_out(compiled) if trial else None
     values, rates = _settled(compiled)
-    pots = _pots(compiled)
+    pots, rows = _pots(compiled), task_rows(compiled, timeline)
     return Check(
         compiled,
         tried,
@@ -191,7 +195,8 @@ def check(
         _loops(compiled),
         _which_prediction(compiled),
         f"{events}, {thinned}" if thinned else events,
-        _warnings(compiled),
+        (*_warnings(compiled), *workload_warnings(compiled, rows)),
+        rows,
     )
 
 

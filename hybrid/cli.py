@@ -136,6 +136,8 @@ def _run(options: argparse.Namespace, filing: Filing) -> int:
 
         files += save_screens(PlainRecord(result.parts()), screens, stem)
     if options.json:
+        from hybrid.workload import to_dicts
+
         print_json(
             **machine_facts(machine),
             **span_facts(machine),
@@ -143,6 +145,7 @@ def _run(options: argparse.Namespace, filing: Filing) -> int:
             engine=result.engine,
             cycles=result.cycles,
             operations=result.operations,
+            tasks=to_dicts(result.tasks),
             status=result.status,
             status_note=result.status_note,
             readouts=result.readouts,

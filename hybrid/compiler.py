@@ -28,8 +28,8 @@ from hybrid.modes import HOLD, IC, OP, TIMED_MODE
 from hybrid.patch import Adc, Component, Dac, Patch, Value
 from hybrid.scale import TICKS_PER_SECOND, to_seconds
 from hybrid.streams import unit_error
-from hybrid.tape import build_tape
-from hybrid.tasks import task_of_adc, task_of_dac, task_timings, ticks_of
+from hybrid.tape import Tape, build_tape
+from hybrid.tasks import counted_ticks, task_of_adc, task_of_dac, task_timings, ticks_of
 
 # A run of more cycles than this would take hours; it is refused before anything is computed.
 MOST_CYCLES = 10**11
@@ -81,8 +81,8 @@ def compile_patch(
         steps += _mode_changes(operation, analog.inputs.index(TIMED_MODE))
     adcs = sorted(patch.adcs, key=lambda adc: adc.name)
     dacs = sorted(patch.dacs, key=lambda dac: dac.name)
-    timing = _timing(patch, scope, time_scale)
-    tape = _tape(scope, patch, tuple(adc.name for adc in adcs), _step_s(patch, timing))
+    tape = _tape(scope, patch, tuple(adc.name for adc in adcs), _step_s(patch, scope))
+    timing = _timing(patch, tape, scope, time_scale)
     scales = dict(zip(analog.signals, analog.full_scale.tolist(), strict=True))
     return Machine(
         patch,
@@ -127,9 +127,10 @@ _stages = KeptByUse(_draw_stages)
 _tape = KeptByUse(lambda scope, patch, adcs, step: build_tape(patch.program, adcs, scope, step))
 
 
-def _step_s(patch: Patch, timing: Timing) -> float:
+def _step_s(patch: Patch, scope: Mapping[str, float]) -> float:
     """Step of the integration formulas; 0 where there are none, so that the tape is one for every T."""
-    return to_seconds(timing.period) if patch.program and patch.program.states else 0.0
+    program = patch.program
+    return to_seconds(ticks_of(program.period, scope)) if program and program.states else 0.0
 
 
 def find_preset(patch: Patch, machine: str | None) -> Preset:
@@ -325,13 +326,15 @@ def _operation(patch: Patch, scope: Mapping[str, float]) -> Operation | None:
     return Operation(reset, operate, hold, modes.operations)
 
 
-def _timing(patch: Patch, scope: Mapping[str, float], time_scale: float) -> Timing:
+def _timing(patch: Patch, tape: Tape, scope: Mapping[str, float], time_scale: float) -> Timing:
     program, run = patch.program, patch.run
     period = ticks_of(program.period, scope) if program else 0
     compute = period
-    tasks = task_timings(program, scope, time_scale) if program else ()
+    tasks = task_timings(program, tape, scope, time_scale) if program else ()
     if tasks:
         period, compute = min(t.period for t in tasks), max(t.compute for t in tasks)
+    elif program and program.counted:
+        compute = counted_ticks(program, tape, 0, scope, time_scale)
     elif program and program.compute_time:
         compute = ticks_of(program.compute_time, scope, time_scale)
     every = ticks_of(run.every, scope) if run.every else period

@@ -160,7 +160,7 @@ DIGITAL_KEYS = (
     Key(
         "compute_time",
         Holds.QUANTITY,
-        "from the last conversion of a cycle to its results at the DACs",
+        "from the last conversion of a cycle to its results at the DACs; counted: from the operations",
         Unit.TIME,
         Bound.NOT_NEGATIVE,
         default="one period",
@@ -188,6 +188,7 @@ DIGITAL_KEYS = (
         "integration formula of the states that name none",
         default=DEFAULT_FORMULA,
     ),
+    Key("processor", Holds.TEXT, "operation times: a make by name, or a mapping of times"),
     Key("tasks", Holds.TERMS, "several programs on one processor, in place of period and program"),
     Key(
         "scheduling",
@@ -195,6 +196,22 @@ DIGITAL_KEYS = (
         "whether a task of higher priority takes the processor away from one that computes",
         default="preemptive",
         choices=("preemptive", "cooperative"),
+    ),
+)
+COUNTED = "counted"  # in place of a compute time
+
+PROCESSOR_KEYS = (
+    Key("add", Holds.QUANTITY, "an addition", Unit.TIME, Bound.NOT_NEGATIVE, required=True),
+    Key("multiply", Holds.QUANTITY, "a product", Unit.TIME, Bound.NOT_NEGATIVE, required=True),
+    Key("divide", Holds.QUANTITY, "a quotient", Unit.TIME, Bound.NOT_NEGATIVE, required=True),
+    Key("store", Holds.QUANTITY, "storing a word", Unit.TIME, Bound.NOT_NEGATIVE, default="0 s"),
+    Key(
+        "square_root",
+        Holds.QUANTITY,
+        "a square root",
+        Unit.TIME,
+        Bound.NOT_NEGATIVE,
+        default="a subroutine of three divisions and additions",
     ),
 )
 
@@ -271,7 +288,7 @@ TASK_KEYS = (
     Key(
         "compute_time",
         Holds.QUANTITY,
-        "processor time of a cycle",
+        "processor time of a cycle; counted: from the operations",
         Unit.TIME,
         Bound.NOT_NEGATIVE,
         required=True,

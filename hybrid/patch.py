@@ -186,6 +186,15 @@ class WordSettings:
 
 
 @dataclass(frozen=True, slots=True)
+class ProcessorSettings:
+    """Operation times of the digital machine: those of a make by name, or given."""
+
+    name: str  # '' where they are given
+    times: Mapping[str, Value]
+    place: Place = NOWHERE
+
+
+@dataclass(frozen=True, slots=True)
 class Task:
     """One of several programs on one processor: its clock, and which words it computes, in order."""
 
@@ -193,7 +202,7 @@ class Task:
     period: Value
     phase: Value | None
     priority: int | None
-    compute_time: Value
+    compute_time: Value | None  # None: counted from the operations
     overrun: str
     words: tuple[str, ...]
     place: Place = NOWHERE
@@ -220,6 +229,8 @@ class Program:
     )  # of words that have their own
     tasks: tuple[Task, ...] = ()
     preemptive: bool = True
+    processor: ProcessorSettings | None = None
+    counted: bool = False  # the compute time of the one program is that of its operations
 
     @property
     def written(self) -> tuple[Assignment | State, ...]:

@@ -24,6 +24,7 @@ from hybrid.graph import simple_loops
 from hybrid.linearity import LinearProgram, linear_program
 from hybrid.machine import Analog, Machine
 from hybrid.patch import Patch
+from hybrid.scale import to_seconds
 from hybrid.theory import ClosedForm
 
 if TYPE_CHECKING:
@@ -322,6 +323,8 @@ def _shortest_cycle_s(machine: Machine, period_s: float) -> float:
     if patch.program and patch.program.compute_time:
         compute_s = patch.program.compute_time.number(scope) * machine.time_scale
         possible_s.append(compute_s / DEEPEST_SEARCHED)
+    if patch.program and patch.program.counted:
+        possible_s.append(to_seconds(machine.timing.compute) / DEEPEST_SEARCHED)
     for adc in patch.adcs:
         conversion_s = adc.conversion_time.number(scope) if adc.conversion_time else 0.0
         conversion_s *= machine.time_scale

@@ -29,6 +29,7 @@ from hybrid.scale import row_times_s, to_seconds, to_ticks
 from hybrid.storage import Parts
 from hybrid.tables import STOPS
 from hybrid.timeline import build_timeline
+from hybrid.workload import TaskRow, task_rows, to_dicts
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -59,6 +60,7 @@ class Run:
     readouts: dict[str, dict[str, Any]] = field(default_factory=dict)
     engine: str = "exact"  # which one played it
     outside: tuple[dict[str, Any], ...] = ()  # functions of the program asked beyond their range
+    tasks: tuple[TaskRow, ...] = ()  # how the digital machine did
 
     @cached_property
     def record(self) -> xr.Dataset:
@@ -77,6 +79,7 @@ class Run:
             "status": self.status,
             "status_note": self.status_note,
             "rows_note": self.rows_note,
+            "tasks": json.dumps(to_dicts(self.tasks)),
             "overloads": json.dumps(self.overloads),
             "outside": json.dumps(self.outside),
             "readouts": json.dumps(self.readouts),
@@ -95,6 +98,8 @@ class Run:
         lines += [f"  {self.status_note}"] * bool(self.status_note)
         for name, quantities in self.readouts.items():
             lines.append(f"  {name}: {readout_text(quantities)}")
+        late = [row for row in self.tasks if row.overruns]
+        lines += [f"  task {row.task}: {counted(row.overruns, 'overrun')}" for row in late]
         lines += [f"  overload: {o['signal']} at {o['time_s']:.6g} s" for o in self.overloads]
         return "\n".join(lines)
 
@@ -162,6 +167,7 @@ def run(
         compiled.operation.done(player.done_ticks) if compiled.operation else 0,
         engine=played_by,
         outside=tuple(found.facts() for found in outside(player)),
+        tasks=task_rows(compiled, timeline, player.done_ticks),
     )
     try:
         result.readouts.update(_read_out(result, every_s))

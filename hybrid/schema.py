@@ -16,6 +16,7 @@ from hybrid.formulas import FORMULAS
 from hybrid.language import Bound, Holds, Key, Unit
 from hybrid.machines import PRESETS
 from hybrid.modes import ON_OVERLOAD, RESERVED_SIGNALS
+from hybrid.processors import PROCESSORS
 
 # The least patch that has everything; the examples of single keys fit it.
 EXAMPLE: Mapping[str, Any] = {
@@ -196,6 +197,15 @@ def _table() -> dict[str, Any]:
 def _machine() -> dict[str, Any]:
     """The digital machine: one program with its clock, or tasks that each have both."""
     made = _digital(language.DIGITAL_KEYS)
+    doc = made["properties"]["processor"]["description"]
+    makes = {"enum": list(PROCESSORS)}
+    examples = [next(iter(PROCESSORS)), {"add": "4 us", "multiply": "20 us", "divide": "30 us"}]
+    own = _object(language.PROCESSOR_KEYS)
+    made["properties"]["processor"] = {
+        "anyOf": [makes, own],
+        "description": doc,
+        "examples": examples,
+    }
     made["properties"]["tasks"] |= _map(_object(language.TASK_KEYS), {}) | {"minProperties": 1}
     one = [key.name for key in language.DIGITAL_KEYS if key.required]
     of_one = (*language.ONE_PROGRAM_KEYS, "states", "integration")
@@ -334,6 +344,7 @@ def reference() -> str:
         ("digital", language.DIGITAL_KEYS),
         ("digital, states", language.STATE_KEYS),
         ("digital, word and words", language.WORD_KEYS),
+        ("digital, processor", language.PROCESSOR_KEYS),
         ("digital, each of the tasks", language.TASK_KEYS),
         ("modes", language.MODES_KEYS),
         ("run", language.RUN_KEYS),

@@ -19,6 +19,7 @@ from hybrid.prediction import Prediction
 from hybrid.runs import Run, readout_text
 from hybrid.scale import time_scale_text, to_seconds
 from hybrid.sweeps import Sweep
+from hybrid.workload import TaskRow, columns, total_utilisation
 
 TRANSIENT = ("omega", "omega_damped", "zeta")
 MOST_SWEEP_ROWS = 12
@@ -99,10 +100,19 @@ def show_run(
         _show_readout(console, name, quantities, modes)
     if isinstance(prediction, str):
         console.print(escape(prediction))
+    _show_tasks(console, run.tasks)
     _show_overloads(console, run.overloads)
     console.print()
     for file in files:
         console.print(f"wrote {escape(file)}", soft_wrap=True)
+
+
+def _show_tasks(console: Console, rows: Sequence[TaskRow]) -> None:
+    """How several tasks shared the processor; one program is its own measure."""
+    if len(rows) > 1:
+        headings, cells = columns(rows)
+        title = f"Tasks, {100 * total_utilisation(rows):.4g} % of the processor's time"
+        show_table(console, title, headings, cells, texts=1)
 
 
 def speed_text(machine: Machine) -> str:

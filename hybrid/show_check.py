@@ -7,6 +7,7 @@ from rich.markup import escape
 
 from hybrid.checks import Check
 from hybrid.show import figure, show_table, speed_text
+from hybrid.workload import columns, operations_text, total_utilisation
 
 
 def show_check(console: Console, check: Check) -> None:
@@ -34,6 +35,7 @@ def show_check(console: Console, check: Check) -> None:
     show_table(console, "Potentiometers", headings, settings, texts=2)
     _show_parts(console, check)
     _show_converters(console, check)
+    _show_tasks(console, check)
     loops = [
         (" -> ".join(loop.path), figure(loop.lag_s, 4), "sampled" if loop.sampled else "analog")
         for loop in check.loops
@@ -41,6 +43,18 @@ def show_check(console: Console, check: Check) -> None:
     if loops:
         show_table(console, "Loops", ("path", "sum of lags s", ""), loops, wrap=True)
     console.print(f"Prediction: {escape(check.prediction)}")
+
+
+def _show_tasks(console: Console, check: Check) -> None:
+    """The work of the digital machine: its tasks, and the operations of a cycle of each."""
+    if not check.tasks:
+        return
+    headings, cells = columns(check.tasks)
+    total = 100 * total_utilisation(check.tasks)
+    title = f"Digital machine, {total:.4g} % of its time"
+    show_table(console, title, headings, cells, texts=1)
+    for row in check.tasks:
+        console.print(f"{escape(row.task)}: {operations_text(row.operations)} a cycle")
 
 
 def _show_converters(console: Console, check: Check) -> None:

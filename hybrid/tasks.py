@@ -11,7 +11,9 @@ from hybrid.errors import PatchError
 from hybrid.expressions import names
 from hybrid.machine import TaskTiming
 from hybrid.patch import Adc, Dac, Program, Task, Value
+from hybrid.processors import PROCESSORS, Processor, operations_of
 from hybrid.scale import to_ticks
+from hybrid.tape import CODE, Op, Tape
 
 # 30 million years; no duration may be longer.
 LONGEST_S = 1e15
@@ -39,8 +41,48 @@ def ticks_of(duration: Value | None, scope: Mapping[str, float], time_scale: flo
     return ticks
 
 
+def program_operations(tape: Tape, number: int) -> dict[str, int]:
+    """How many operations of each kind a cycle of a program is, once its formulas have started."""
+    first, last = tape.starts[number : number + 2, CODE].tolist()
+    skips = [k for k in range(first, last) if tape.code[k, 0] == Op.SKIP]
+    counted = set(range(first, last))
+    for k in skips[
+        :-1
+    ]:  # the last has the step of every later cycle, those before have the first ones
+        counted -= set(range(k + 1, k + 1 + int(tape.registers[tape.code[k, 3]])))
+    return operations_of(Op(tape.code[k, 0]).name.lower() for k in sorted(counted))
+
+
+def processor_of(program: Program, scope: Mapping[str, float]) -> Processor | None:
+    """The operation times of the digital machine; None where there are none."""
+    settings = program.processor
+    if settings is None:
+        return None
+    if settings.name:
+        return PROCESSORS[settings.name]
+    time_s = {name: value.number(scope) for name, value in settings.times.items()}
+    return Processor(
+        "",
+        "",
+        time_s["add"],
+        time_s["multiply"],
+        time_s["divide"],
+        time_s.get("store", 0.0),
+        time_s.get("square_root"),
+    )
+
+
+def counted_ticks(
+    program: Program, tape: Tape, number: int, scope: Mapping[str, float], time_scale: float
+) -> int:
+    """The compute time of one of the programs, counted from its operations."""
+    processor = processor_of(program, scope)
+    assert processor is not None
+    return to_ticks(processor.time_s(program_operations(tape, number)) * time_scale)
+
+
 def task_timings(
-    program: Program, scope: Mapping[str, float], time_scale: float
+    program: Program, tape: Tape, scope: Mapping[str, float], time_scale: float
 ) -> tuple[TaskTiming, ...]:
     """The tasks by name, ranked: by priority (without any: the shorter the period, the higher), then by
     name. Raises PatchError where cycles would pile up."""
@@ -56,12 +98,14 @@ def task_timings(
             task.name,
             periods[task.name],
             ticks_of(task.phase, scope),
-            ticks_of(task.compute_time, scope, time_scale),
+            ticks_of(task.compute_time, scope, time_scale)
+            if task.compute_time
+            else counted_ticks(program, tape, number, scope, time_scale),
             ranks[task.name],
             task.overrun,
             task.place,
         )
-        for task in program.tasks
+        for number, task in enumerate(program.tasks)
     )
     _refuse_piling_up(tasks)
     return tasks

@@ -69,7 +69,7 @@ def answer(capsys: pytest.CaptureFixture[str], *arguments: str, code: int = 0) -
 ABOUT = {"patch", "title", "machine", "serial", "cycle_s", "time_scale", "parameters"}
 ABOUT |= {"parameters_si"}
 RUN = {"seed", "cycles", "operations", "status", "status_note", "readouts", "overloads", "files"}
-RUN |= {"until_s", "every_s", "engine", "outside", "prediction", "prediction_note"}
+RUN |= {"until_s", "every_s", "engine", "outside", "prediction", "prediction_note", "tasks"}
 MODE = {"omega", "omega_damped", "zeta", "omega_ideal", "zeta_ideal", "closed_form"}
 CLOSED = {"equation", "omega", "omega_damped", "zeta", "note"}
 ERRORS = {"omega_error", "omega_damped_error", "zeta_error"}
@@ -86,6 +86,7 @@ CHECK = ABOUT | {
     "potentiometers",
     "converters",
     "loops",
+    "tasks",
     "prediction",
     "events",
     "warnings",
@@ -98,6 +99,8 @@ ROWS = {
     "potentiometers": {"component", "input", "coefficient_mu", "setting", "gain", "inverted"},
     "converters": {"converter", "kind", "converts", "bits", "range", "step", "units", "remark"},
     "loops": {"path", "lag_s", "sampled"},
+    "tasks": {"task", "period_s", "place", "operations", "compute_s", "utilisation"}
+    | {"cycles", "overruns", "worst_response_s"},
 }
 TRIAL = {"played_s", "of_s", "status", "note", "interval_s"}
 
@@ -118,6 +121,7 @@ def test_the_answer_of_run(capsys: pytest.CaptureFixture[str]) -> None:
     assert [m.keys() for m in found["prediction"]] == [MODE]
     assert found["prediction"][0]["closed_form"].keys() == CLOSED
     assert found["prediction_note"] == ""
+    assert [row.keys() for row in found["tasks"]] == [ROWS["tasks"]]
     assert found["files"] == ["out/loop.nc", "out/loop.png"]
     assert all(Path(file).stat().st_size for file in found["files"])
 

@@ -32,6 +32,8 @@ EVERY_KEY = {
         language.DIGITAL_KEYS,
         language.STATE_KEYS,
         language.WORD_KEYS,
+        language.TASK_KEYS,
+        language.PROCESSOR_KEYS,
         language.MODES_KEYS,
         language.RUN_KEYS,
         language.PART_KEYS,

@@ -20,13 +20,14 @@ from hybrid.expressions import (
 from hybrid.fields import Fields, table_of, value_of
 from hybrid.graph import dependency_order, find_loop
 from hybrid.integration import next_of
-from hybrid.language import TASK_KEYS, Key
+from hybrid.language import COUNTED, PROCESSOR_KEYS, TASK_KEYS, Key
 from hybrid.parsing import parse
-from hybrid.patch import Assignment, Program, State, Task, Value
+from hybrid.patch import Assignment, ProcessorSettings, Program, State, Task, Value
 from hybrid.patchfile.book import Book, Role, digital_keys, tasks_of
 from hybrid.patchfile.models import check_input, model_names, model_words, refuse_model_name
 from hybrid.patchfile.states import read_states, settle_dimensions, with_dimension
 from hybrid.patchfile.wordlengths import read_word_length, read_word_lengths
+from hybrid.processors import PROCESSORS
 from hybrid.units import PURE, Dimension
 from hybrid.yamltree import Table, Text, Tree
 
@@ -40,7 +41,11 @@ def read_program(book: Book) -> Program | None:
         return None
     keys = digital_keys(digital)
     fields = book.fields(digital, "digital", keys, book.root.places["digital"])
-    values, tables = fields.quantities(keys), [t for _, t, _ in tasks_of(digital)] or [digital]
+    counted, processor = _is_counted(digital), _processor(book, digital)
+    if counted:
+        _require_processor(processor, "digital", fields)
+    given = [key for key in keys if not (counted and key.name == "compute_time")]
+    values, tables = fields.quantities(given), [t for _, t, _ in tasks_of(digital)] or [digital]
     readable = frozenset(book.named(Role.PARAMETER, Role.ADC, Role.WORD)) | model_names(book)
     states = read_states(book, digital, readable)
     programs = _programs(book, tables, states, readable)
@@ -51,7 +56,7 @@ def read_program(book: Book) -> Program | None:
     remember = _remember(book, digital, written, states)
     in_order = {word: written[word] for word in order}
     dimensions = _word_dimensions(book, in_order, states, remember, len(programs))
-    tasks = _tasks(book, digital, orders)
+    tasks = _tasks(book, digital, orders, processor)
     return Program(
         tasks[0].period if tasks else values["period"],
         values.get("compute_time"),
@@ -64,7 +69,40 @@ def read_program(book: Book) -> Program | None:
         read_word_lengths(book, digital, dimensions, frozenset((*written, *states))),
         tasks,
         not _chosen(fields, keys, "scheduling"),
+        processor,
+        counted,
     )
+
+
+def _is_counted(table: Table) -> bool:
+    """Whether the compute time is to be counted from the operations."""
+    tree = table.entries.get("compute_time")
+    return isinstance(tree, Text) and tree.text == COUNTED
+
+
+def _require_processor(processor: ProcessorSettings | None, what: str, fields: Fields) -> None:
+    if processor is None:
+        raise PatchError(
+            f"{what}: compute_time is counted, which needs operation times; add processor: with one of "
+            f"{', '.join(PROCESSORS)}, or times of your own, in digital:",
+            fields.place("compute_time"),
+        )
+
+
+def _processor(book: Book, digital: Table) -> ProcessorSettings | None:
+    """Whose operation times are counted."""
+    tree = digital.entries.get("processor")
+    if tree is None:
+        return None
+    if isinstance(tree, Text):
+        if tree.text not in PROCESSORS:
+            hint = did_you_mean(tree.text, PROCESSORS)
+            raise PatchError(f"unknown processor {quoted(tree.text)}; {hint}", tree.place)
+        return ProcessorSettings(tree.text, {}, tree.place)
+    place = digital.places["processor"]
+    table = table_of(tree, "processor", "a name, or operation: time")
+    fields = book.fields(table, "processor", PROCESSOR_KEYS, place)
+    return ProcessorSettings("", fields.quantities(PROCESSOR_KEYS), place)
 
 
 def _programs(
@@ -106,12 +144,22 @@ def _check_previous(
                 )
 
 
-def _tasks(book: Book, digital: Table, orders: Sequence[tuple[str, ...]]) -> tuple[Task, ...]:
+def _tasks(
+    book: Book,
+    digital: Table,
+    orders: Sequence[tuple[str, ...]],
+    processor: ProcessorSettings | None,
+) -> tuple[Task, ...]:
     """The tasks by name, or none where there is one program."""
     found = []
     for (name, table, place), words in zip(tasks_of(digital), orders, strict=False):
         fields = book.fields(table, f"task {name!r}", TASK_KEYS, place)
-        values = fields.quantities(TASK_KEYS)
+        counted = _is_counted(table)
+        if counted:
+            _require_processor(processor, f"task {name!r}", fields)
+        values = fields.quantities(
+            [key for key in TASK_KEYS if not (counted and key.name == "compute_time")]
+        )
         given = "priority" in table.entries
         overruns = next(key for key in TASK_KEYS if key.name == "overrun").choices
         found.append(
@@ -120,7 +168,7 @@ def _tasks(book: Book, digital: Table, orders: Sequence[tuple[str, ...]]) -> tup
                 values["period"],
                 values.get("phase"),
                 fields.integer("priority", 0) if given else None,
-                values["compute_time"],
+                values.get("compute_time"),
                 overruns[_chosen(fields, TASK_KEYS, "overrun")],
                 words,
                 place,

@@ -109,6 +109,7 @@ def _numbers(patch: Patch) -> list[Value]:
         optional += [program.period, program.compute_time, program.skew, *program.remember.values()]
         optional += [state.initial for state in program.states]
         optional += [length.full_scale for length in (program.word, *program.lengths.values())]
+        optional += program.processor.times.values() if program.processor else ()
         for task in program.tasks:
             optional += [task.period, task.phase, task.compute_time]
     for readout in patch.readouts:

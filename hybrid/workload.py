@@ -1,0 +1,140 @@
+"""What the digital machine is asked to do, and how well it did: a row for each task.
+
+Stage 4, for `runs` and `checks`. Times in s of problem time.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+from hybrid.machine import Machine
+from hybrid.rota import TaskReport
+from hybrid.scale import to_seconds
+from hybrid.tasks import program_operations
+from hybrid.timeline import Timeline
+
+PROGRAM = "program"  # what a row is called where there is one program
+
+
+@dataclass(frozen=True, slots=True)
+class TaskRow:
+    """One task: what it is, and what its cycles came to in a run or a part of it."""
+
+    task: str
+    period_s: float
+    place: int  # 1 goes first
+    operations: dict[str, int]  # additions, multiplications, ... of a cycle
+    compute_s: float
+    utilisation: float  # compute time over period
+    cycles: int  # that ended
+    overruns: int  # that were due while the one before had not ended
+    worst_response_s: float | None  # from when a cycle is due to its results; None: none ended
+
+
+def task_rows(
+    machine: Machine, timeline: Timeline, until: int | None = None
+) -> tuple[TaskRow, ...]:
+    """Of every task, by name, or of the one program; none without a digital machine.
+
+    Args: until: ticks up to which the timeline was played (default: all).
+    """
+    timing = machine.timing
+    if not timing.period:
+        return ()
+    if not timing.tasks:
+        end, latency = timeline.until if until is None else until, machine.latency_ticks
+        cycles = max(0, (end - latency) // timing.period + 1)
+        response_s = to_seconds(latency) if cycles else None
+        share = timing.compute / timing.period
+        report = TaskReport(PROGRAM, cycles, 0, response_s, share)
+        return (_row(machine, 0, report, timing.period, timing.compute, 0),)
+    return tuple(
+        _row(machine, i, report, task.period, task.compute, task.rank)
+        for i, (report, task) in enumerate(
+            zip(timeline.reports(machine, until), timing.tasks, strict=True)
+        )
+    )
+
+
+def _row(
+    machine: Machine, number: int, report: TaskReport, period: int, compute: int, rank: int
+) -> TaskRow:
+    return TaskRow(
+        report.task,
+        to_seconds(period),
+        rank + 1,
+        program_operations(machine.tape, number),
+        to_seconds(compute),
+        report.utilisation,
+        report.cycles,
+        report.overruns,
+        report.worst_response_s,
+    )
+
+
+def columns(rows: Sequence[TaskRow]) -> tuple[tuple[str, ...], list[tuple[str, ...]]]:
+    """Headings and cells of a table of the tasks, for people."""
+    headings = (
+        "task",
+        "first",
+        "period s",
+        "compute s",
+        "of the time",
+        "worst s",
+        "cycles",
+        "over",
+    )
+    cells: list[tuple[str, ...]] = [
+        (
+            row.task,
+            str(row.place),
+            f"{row.period_s:.6g}",
+            f"{row.compute_s:.4g}",
+            f"{100 * row.utilisation:.4g} %",
+            "-" if row.worst_response_s is None else f"{row.worst_response_s:.4g}",
+            str(row.cycles),
+            str(row.overruns),
+        )
+        for row in rows
+    ]
+    return headings, cells
+
+
+def operations_text(operations: dict[str, int]) -> str:
+    """'3 add, 2 multiply': what a cycle is made of."""
+    told = (f"{n} {name.replace('_', ' ')}" for name, n in operations.items() if n)
+    return ", ".join(told)
+
+
+def total_utilisation(rows: Sequence[TaskRow]) -> float:
+    """The share of its time that the processor is asked for."""
+    return sum(row.utilisation for row in rows)
+
+
+def warnings(machine: Machine, rows: Sequence[TaskRow]) -> list[str]:
+    """What is valid but hardly meant: too much work, cycles that are due too early."""
+    tasks = {task.name: task for task in machine.timing.tasks}
+    found = []
+    total = total_utilisation(rows)
+    if tasks and total > 1.0:
+        first = min(tasks.values(), key=lambda task: task.place.line)
+        found.append(
+            f"{first.place}: the tasks ask for {100 * total:.4g} % of the processor's time"
+        )
+    for row in rows:
+        if row.overruns:
+            task = tasks[row.task]
+            does = {"skip": "left out", "queue": "begun late", "stop": "the end of the run"}
+            found.append(
+                f"{task.place}: task {row.task!r} has {row.overruns} of its cycles due before the one "
+                f"before has ended; they are {does[task.overrun]} (overrun: {task.overrun})"
+            )
+    return found
+
+
+def to_dicts(rows: Sequence[TaskRow]) -> list[dict[str, Any]]:
+    """The rows as plain data, for JSON."""
+    names = TaskRow.__dataclass_fields__
+    return [{name: getattr(row, name) for name in names} for row in rows]

@@ -1,0 +1,171 @@
+"""Operation counts and times by hand, and what a run and a check tell of tasks."""
+
+import json
+
+import pytest
+
+import hybrid
+from hybrid.cli import main
+from hybrid.compiler import compile_patch
+from hybrid.errors import PatchError
+from hybrid.patchfile import parse_patch
+from hybrid.processors import OPERATIONS, PROCESSORS, operations_of
+from hybrid.tape import Op
+from hybrid.tasks import program_operations
+
+TEXT = """\
+title: A program whose operations can be counted
+machine: ideal
+parameters: {k: 2}
+analog: {x: {constant: 1, full_scale: 4}}
+interface: {s: {adc: x}, y: {dac: w, full_scale: 100, initial: 0}}
+digital:
+  period: 10 ms
+  compute_time: counted
+  processor: PROCESSOR
+  program:
+    v: k**2 * s + 3*s - s/7
+    w: sqrt(v) + sin(s)
+run: {until: 0.1 s}
+"""
+# k**2 is known before the run: 2 products, a quotient and 2 additions for v; for w a root, an addition
+# and a sine (6 products, 6 additions); 2 words are stored.
+COUNTED = {"add": 2 + 1 + 6, "multiply": 2 + 6, "divide": 1, "square_root": 1, "store": 2}
+
+
+def compute_s(processor):
+    machine = compile_patch(parse_patch(TEXT.replace("PROCESSOR", processor)))
+    assert program_operations(machine.tape, 0) == COUNTED
+    return machine.timing.compute / 1e15
+
+
+@pytest.mark.parametrize(
+    ("processor", "expected_s"),
+    [
+        # Nine additions and two stores of two cycles, eight products and a quotient of 14, a root of
+        # three times 14 + 2.
+        ("ibm_7090", (9 * 2 + 8 * 14 + 14 + 2 * 2 + 3 * 16) * 2.18e-6),
+        ("ibm_1620", 9 * 1.2e-3 + 8 * 12.5e-3 + 41.7e-3 + 3 * (41.7e-3 + 1.2e-3)),
+        ("apollo_guidance_computer", (9 * 2 + 8 * 4 + 7 + 2 * 2 + 3 * 9) * 11.72e-6),
+        ("cdc_6600", (9 * 4 + 8 * 10 + 29 + 2 * 3 + 3 * 33) * 1e-7),
+        ("cortex_m4f", (9 * 5 + 8 * 5 + 18 + 2 * 2 + 16) / 48e6),
+        ("{add: 1 us, multiply: 10 us, divide: 100 us}", 9e-6 + 80e-6 + 100e-6 + 303e-6),
+        (
+            "{add: 1 us, multiply: 10 us, divide: 100 us, store: 0.1 us, square_root: 50 us}",
+            9e-6 + 80e-6 + 100e-6 + 50e-6 + 0.2e-6,
+        ),
+    ],
+)
+def test_the_compute_time_is_the_sum_of_the_operations(processor, expected_s):
+    assert compute_s(processor) == pytest.approx(expected_s, rel=1e-12)
+
+
+def test_every_operation_has_a_count_and_no_other():
+    for op in Op:
+        counts = operations_of([op.name.lower()])
+        assert tuple(counts) == OPERATIONS and sum(counts.values()) > 0
+    for processor in PROCESSORS.values():
+        assert 0 < processor.add_s <= processor.multiply_s <= processor.divide_s
+
+
+def test_a_task_is_counted_by_itself_and_in_machine_time():
+    digital = TEXT[TEXT.index("digital:") : TEXT.index("run:")]
+    tasks = """\
+digital:
+  processor: ibm_7090
+  tasks:
+    a: {period: 10 ms, compute_time: counted, program: {v: 'k**2 * s + 3*s - s/7'}}
+    b: {period: 20 ms, compute_time: counted, program: {w: 'sqrt(v) + sin(s)'}}
+time_scale: 10
+"""
+    machine = compile_patch(parse_patch(TEXT.replace(digital, tasks)))
+    cycles = [2 * 14 + 14 + 2 * 2 + 2, 3 * 16 + 6 * 14 + 7 * 2 + 2]
+    found = [task.compute / 1e15 for task in machine.timing.tasks]
+    assert found == pytest.approx([10 * 2.18e-6 * n for n in cycles], rel=1e-12)
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "line", "says"),
+    [
+        ("  processor: PROCESSOR\n", "", 8, "needs operation times; add processor:"),
+        ("PROCESSOR", "ibm_709", 9, "did you mean 'ibm_7090'"),
+        ("PROCESSOR", "{add: 1 us, multiply: 2 us}", 9, "no divide"),
+        ("PROCESSOR", "{add: 1 V, multiply: 2 us, divide: 1 us}", 9, "must be a time"),
+        ("PROCESSOR", "{add: -1 us, multiply: 2 us, divide: 1 us}", 9, "0 or greater"),
+        ("PROCESSOR", "[1, 2]", 9, "must be a mapping"),
+        ("counted", "count", 8, "unknown parameter 'count'"),
+    ],
+)
+def test_mistakes_have_their_line(old, new, line, says):
+    with pytest.raises(PatchError) as raised:
+        parse_patch(TEXT.replace(old, new).replace("PROCESSOR", "ibm_7090"))
+    assert f":{line}: " in str(raised.value) and says in str(raised.value)
+
+
+# --- what is told ----------------------------------------------------------------------------------
+
+LATE = """\
+title: Too much work
+machine: ideal
+analog: {x: {constant: 1, full_scale: 4}}
+interface: {s: {adc: x}}
+digital:
+  tasks:
+    fast: {period: 10 ms, compute_time: 6 ms, program: {v: 2*s}}
+    slow: {period: 20 ms, compute_time: 10 ms, overrun: skip, program: {w: v + 1}}
+run: {until: 1 s}
+"""
+
+
+def test_a_run_tells_of_its_tasks(tmp_path, capsys):
+    # fast has 0-6, 10-16, ...; slow 6-10, 16-20 and the rest from 26 on, until 28: so of its ticks
+    # 0, 20, 40 ... every second one is left out, and it answers after 28 ms.
+    patch = parse_patch(LATE)
+    result = hybrid.run(patch)
+    fast, slow = result.tasks
+    assert (fast.cycles, fast.overruns, fast.worst_response_s) == (100, 0, 6e-3)
+    assert (slow.cycles, slow.overruns, slow.worst_response_s) == (25, 25, 28e-3)
+    assert (fast.utilisation, slow.utilisation) == (0.6, 0.5)
+    assert (fast.place, slow.place) == (1, 2) and slow.operations["add"] == 1
+    assert json.loads(result.record.attrs["tasks"])[1]["overruns"] == 25
+    assert "task slow: 25 overruns" in repr(result)
+    file = tmp_path / "late.yaml"
+    file.write_text(LATE)
+    assert main(["run", str(file), "--json", "--no-chart", "--out", str(tmp_path)]) == 0
+    told = json.loads(capsys.readouterr().out)["tasks"]
+    assert [row["task"] for row in told] == ["fast", "slow"] and told[1]["cycles"] == 25
+    assert main(["run", str(file), "--no-chart", "--out", str(tmp_path)]) == 0
+    shown = capsys.readouterr().out
+    assert "110 % of the processor's time" in shown and "0.028" in shown
+
+
+def test_a_check_warns_of_too_much_work(tmp_path, capsys):
+    found = hybrid.check(parse_patch(LATE, "late.yaml"), trial=False)
+    assert "late.yaml:7: the tasks ask for 110 % of the processor's time" in found.warnings
+    assert any("late.yaml:8: task 'slow' has 25 of its cycles" in line for line in found.warnings)
+    assert [row.task for row in found.tasks] == ["fast", "slow"]
+    file = tmp_path / "late.yaml"
+    file.write_text(LATE)
+    assert main(["check", str(file), "--no-trial"]) == 0
+    assert "slow: 1 add, 1 store a cycle" in capsys.readouterr().out
+
+
+def test_a_run_that_a_task_stops(tmp_path, capsys):
+    file = tmp_path / "late.yaml"
+    file.write_text(LATE.replace("overrun: skip", "overrun: stop"))
+    assert main(["run", str(file), "--json", "--no-chart", "--out", str(tmp_path)]) == 1
+    told = json.loads(capsys.readouterr().out)
+    assert (
+        told["status"] == "stopped" and "at 0.02 s: task 'slow' has overrun" in told["status_note"]
+    )
+    assert told["tasks"][1]["overruns"] == 1 and told["tasks"][1]["cycles"] == 0
+    result = hybrid.run(file)
+    assert result.time_s[-1] == 0.02
+
+
+def test_one_program_is_a_row_too():
+    text = TEXT.replace("PROCESSOR", "cortex_m4f")
+    (row,) = hybrid.run(parse_patch(text)).tasks
+    assert (row.task, row.cycles, row.overruns) == ("program", 10, 0)
+    assert row.operations == COUNTED
+    assert row.worst_response_s == row.compute_s == pytest.approx(123 / 48e6)
