@@ -95,6 +95,8 @@ def _log_one_plus(shift: Complex) -> Complex:
 def cycle_map(machine: Machine) -> tuple[Floats, int]:
     """(M - I, length in ticks): the map of one repeated stretch, constants and sources left out."""
     timeline = build_timeline(_short(machine))
+    if timeline.later:
+        raise NotLinear("the clock of a task jitters, so there is no exact map")
     if len(timeline.segments) < 2:
         raise NotLinear("the tasks do not come back to where they were, so there is no exact map")
     stretch = next(s for s in timeline.segments if s.start > 0 and s.length > 0)

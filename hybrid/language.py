@@ -146,6 +146,12 @@ DAC_KEYS = (
     FULL_SCALE,
     UNIT,
     Key("initial", Holds.QUANTITY, "output before the first result", Unit.OWN, required=True),
+    Key(
+        "transfer",
+        Holds.TEXT,
+        "double-buffered: shows what was loaded when this task's cycle ends, with all others that do",
+        default="the task that computes its word",
+    ),
 )
 
 DIGITAL_KEYS = (
@@ -300,6 +306,14 @@ TASK_KEYS = (
         "one (queue), end the run (stop)",
         default="skip",
         choices=("skip", "queue", "stop"),
+    ),
+    Key(
+        "jitter",
+        Holds.QUANTITY,
+        "a cycle begins late by up to this, drawn evenly for each by the run's seed in 64 steps",
+        Unit.TIME,
+        Bound.NOT_NEGATIVE,
+        default="0 s",
     ),
     Key("program", Holds.TERMS, "assignments, word: arithmetic", required=True),
 )

@@ -125,6 +125,7 @@ class TaskTiming:
     rank: int  # 0 goes first
     overrun: str = "skip"
     place: Place = NOWHERE
+    jitter: int = 0  # its clock is late by up to this
 
 
 @dataclass(frozen=True, slots=True)

@@ -126,6 +126,7 @@ class Dac:
     dimension: Dimension
     errors: Mapping[str, Value]
     place: Place = NOWHERE
+    transfer: str | None = None  # the task whose end shows what was loaded; None: its own
 
 
 @dataclass(frozen=True, slots=True)
@@ -206,6 +207,7 @@ class Task:
     overrun: str
     words: tuple[str, ...]
     place: Place = NOWHERE
+    jitter: Value | None = None
 
 
 @dataclass(frozen=True, slots=True)

@@ -9,11 +9,11 @@ processor and publishes its results when it ends. What happens at one instant is
 
 from __future__ import annotations
 
-import functools
 from collections import deque
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from enum import IntEnum
+from functools import partial
 
 import simpy
 from simpy.events import EventPriority
@@ -64,6 +64,9 @@ class Note:
     response: int | None
 
 
+Lateness = Callable[[], int]  # how late the clock of a task ticks next, in ticks of time
+
+
 class FallsBehind(Exception):
     """A task has more and more cycles waiting."""
 
@@ -94,12 +97,17 @@ class _Desk:
     ticks: int = 0  # of its clock, so far
 
 
+def _never_late() -> int:
+    return 0
+
+
 class Processor:
     """The digital machine from t = 0 on, as far as it has been run; `log` and `notes` grow with it."""
 
-    def __init__(self, duty: Duty) -> None:
-        """Nothing has happened yet."""
+    def __init__(self, duty: Duty, late: Sequence[Lateness] = ()) -> None:
+        """Nothing has happened yet. `late`: of each task, where clocks are late by chance."""
         self.duty = duty
+        self.late = tuple(late) or (_never_late,) * len(duty.tasks)
         self.log: list[Event] = []
         self.notes: list[Note] = []
         self.stopped: Note | None = None  # the overrun that ends the run
@@ -111,7 +119,7 @@ class Processor:
         self._end: simpy.Event | None = None  # of the cycle that is running
         self._choosing = False
         for number, task in enumerate(duty.tasks):
-            self._at(task.phase, Turn.TICK, functools.partial(self._tick, number))
+            self._at(task.phase + self.late[number](), Turn.TICK, partial(self._tick, number))
 
     @property
     def now(self) -> int:
@@ -148,16 +156,18 @@ class Processor:
     def _tick(self, number: int) -> None:
         """The clock of a task ticks: begin a cycle, or see to the overrun."""
         task, desk = self.duty.tasks[number], self._desks[number]
+        due = task.phase + desk.ticks * task.period
         desk.ticks += 1
-        self._at(task.period, Turn.TICK, functools.partial(self._tick, number))
+        wait = due + task.period + self.late[number]() - self.now
+        self._at(wait, Turn.TICK, partial(self._tick, number))
         if desk.cycle is None:
-            self._begin(number, self.now)
+            self._begin(number, due)
             return
         self.notes.append(Note(self.now, number, None))
         if task.overrun == "stop" and self.stopped is None:
             self.stopped = self.notes[-1]
         if task.overrun == "queue":
-            desk.waiting.append(self.now)
+            desk.waiting.append(due)
             if len(desk.waiting) > MOST_BEHIND:
                 raise FallsBehind(number)
 

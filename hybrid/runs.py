@@ -146,7 +146,7 @@ def run(
     compiled = machine_of(patch, parameters, machine, serial, circuit)
     played_by = engine_of(compiled, engine)
     check_windows(compiled)
-    timeline = build_timeline(compiled)
+    timeline = build_timeline(compiled, seed)
     keep_every = thinning(compiled, timeline.rows)
     pens = pens_for(compiled, readouts_only)
     player = player_of(compiled, engine)(compiled, timeline, pens, seed, keep_every)
@@ -231,8 +231,8 @@ def ending(player: Player) -> tuple[str, str]:
             f"stopped at {player.done_s:.6g} s: a signal went beyond {kernel.RUNAWAY_MU:.0e} times "
             "its full scale; the patch is unstable"
         )
-    if player.outcome == kernel.DONE and player.timeline.stopped:
-        return "stopped", f"stopped at {player.done_s:.9g} s: {player.timeline.stopped}"
+    if player.outcome == kernel.DONE and player.timeline.why_stopped:
+        return "stopped", f"stopped at {player.done_s:.9g} s: {player.timeline.why_stopped}"
     if player.outcome == kernel.OVERLOADED:
         first = player.overloads()[0]
         return "stopped", (

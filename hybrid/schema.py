@@ -72,6 +72,7 @@ _TEXT_EXAMPLES = {
     "file": "drag.csv",
     "use": "euler",
     "task": "fast",
+    "transfer": "slow",
 }
 _TERMS_EXAMPLES: Mapping[str, Any] = {
     "program": EXAMPLE["digital"]["program"],

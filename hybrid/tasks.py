@@ -12,7 +12,7 @@ from hybrid.expressions import names
 from hybrid.machine import TaskTiming
 from hybrid.patch import Adc, Dac, Program, Task, Value
 from hybrid.processors import PROCESSORS, Processor, operations_of
-from hybrid.scale import to_ticks
+from hybrid.scale import to_seconds, to_ticks
 from hybrid.tape import CODE, Op, Tape
 
 # 30 million years; no duration may be longer.
@@ -104,11 +104,24 @@ def task_timings(
             ranks[task.name],
             task.overrun,
             task.place,
+            _jitter(task, periods[task.name], scope, time_scale),
         )
         for number, task in enumerate(program.tasks)
     )
     _refuse_piling_up(tasks)
     return tasks
+
+
+def _jitter(task: Task, period: int, scope: Mapping[str, float], time_scale: float) -> int:
+    """How late the clock of a task may be: so little that no cycle begins before the one before."""
+    jitter = ticks_of(task.jitter, scope, time_scale)
+    if task.jitter and jitter >= period:
+        raise PatchError(
+            f"{task.jitter.what} is {to_seconds(jitter):g} s; it must be shorter than the period, "
+            f"{to_seconds(period):g} s",
+            task.jitter.place,
+        )
+    return jitter
 
 
 def utilisation(tasks: tuple[TaskTiming, ...]) -> float:
@@ -142,5 +155,7 @@ def task_of_adc(adc: Adc, program: Program, tasks: tuple[TaskTiming, ...]) -> in
 
 
 def task_of_dac(dac: Dac, program: Program) -> int:
-    """The task that computes the word of a DAC."""
+    """The task that ends when a DAC shows its word: the one it names, else the one that computes it."""
+    if dac.transfer is not None:
+        return next(i for i, task in enumerate(program.tasks) if task.name == dac.transfer)
     return next(i for i, task in enumerate(program.tasks) if dac.word in task.words)

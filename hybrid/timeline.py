@@ -22,6 +22,7 @@ from hybrid.modes import TIMED_MODE
 from hybrid.processor import Note
 from hybrid.rota import Rota, TaskReport, reports, rota_until, settled
 from hybrid.scale import to_seconds
+from hybrid.stretches import Stretches, jitters
 
 # Periods without a usable common multiple are laid out event by event, up to this many events.
 MOST_FLAT_EVENTS = 300_000
@@ -50,10 +51,27 @@ class Timeline:
     cycles: int  # whole digital cycles
     rows: int  # record events
     stopped: str = ""  # why the run ends before its time: a task has overrun
+    later: Stretches | None = None  # where nothing repeats: what follows the segments
+
+    def further(self) -> Iterator[Segment]:
+        """The segments that follow, each laid out when it is asked for."""
+        if self.later:
+            edges = edges_of(self.later.machine.steps)
+            for start, end, events in self.later:
+                last = self.later.stopped or end == self.until
+                events += edges.within(start, end + bool(last))
+                yield _segment(start, end - start, 1, in_order(events), ())
+
+    @property
+    def why_stopped(self) -> str:
+        """Why the run has ended before its time, as far as it is laid out; '' where it has not."""
+        if self.later and self.later.stopped:
+            return _overrun_text(self.later.machine, self.later.stopped)
+        return self.stopped
 
     def __iter__(self) -> Iterator[Event]:
         """Every event in order, in absolute ticks (for reading and for tests)."""
-        for segment in self.segments:
+        for segment in itertools.chain(self.segments, self.further()):
             for repeat in range(segment.repeats):
                 base = segment.start + repeat * segment.length
                 for offset, kind, index in segment.events:
@@ -61,6 +79,8 @@ class Timeline:
 
     def reports(self, machine: Machine, until: int | None = None) -> tuple[TaskReport, ...]:
         """What the cycles of every task come to, in the whole run or up to an instant."""
+        if self.later:
+            return self.later.reports(until)
         counted = []
         for segment in self.segments:
             repeats, rest = segment.repeats, 0
@@ -72,12 +92,16 @@ class Timeline:
         return reports(machine, [(note, times) for note, times in counted if times])
 
 
-def build_timeline(machine: Machine) -> Timeline:
-    """Lay out the events of the machine's whole run.
+def build_timeline(machine: Machine, seed: int = 0) -> Timeline:
+    """Lay out the events of the machine's whole run; `seed` draws how late clocks are.
 
     Raises PatchError where the periods have no common multiple and the run is too long to be laid
     out event by event.
     """
+    if jitters(machine):
+        until, timing = machine.timing.until, machine.timing
+        cycles, rows = until // timing.period, until // timing.every + 1
+        return Timeline((), until, cycles, rows, later=Stretches(machine, seed))
     machine, stopped = _until_stopped(machine)
     timing = machine.timing
     (stretch, warm_up), edges = _repetition(machine), edges_of(machine.steps)
@@ -135,12 +159,14 @@ def _until_stopped(machine: Machine) -> tuple[Machine, str]:
     note = _rota(machine, until).stopped
     if note is None:
         return machine, ""
-    task = timing.tasks[note.task]
-    why = (
-        f"task {task.name!r} has overrun: it had not finished its cycle when the next was due, and it "
-        "has overrun: stop"
+    return replace(machine, timing=replace(timing, until=note.tick)), _overrun_text(machine, note)
+
+
+def _overrun_text(machine: Machine, note: Note) -> str:
+    return (
+        f"task {machine.timing.tasks[note.task].name!r} has overrun: it had not finished its cycle when "
+        "the next was due, and it has overrun: stop"
     )
-    return replace(machine, timing=replace(timing, until=note.tick)), why
 
 
 def _rota(machine: Machine, until: int) -> Rota:
@@ -255,13 +281,18 @@ def _refuse_too_many(machine: Machine, until: int, edges: Edges) -> None:
         )
 
 
-def _refuse_many_intervals(machine: Machine, segments: list[Segment]) -> None:
-    """Every interval between events has a propagator of its own, which costs time and memory."""
+def most_intervals(machine: Machine) -> int:
+    """How many different intervals between events a run may have."""
+    if machine.elements:  # no propagators
+        return 2 * MOST_FLAT_EVENTS
     analog = machine.analog
     size = (len(analog.states) + len(analog.inputs)) * (len(analog.states) + len(analog.signals))
-    most = min(MOST_INTERVALS, MOST_PROPAGATED // max(size, 1))
-    if machine.elements:  # no propagators
-        most = 2 * MOST_FLAT_EVENTS
+    return min(MOST_INTERVALS, MOST_PROPAGATED // max(size, 1))
+
+
+def _refuse_many_intervals(machine: Machine, segments: list[Segment]) -> None:
+    """Every interval between events has a propagator of its own, which costs time and memory."""
+    most = most_intervals(machine)
     intervals = {
         after[0] - before[0]
         for segment in segments

@@ -5,6 +5,8 @@ Stage 4, for `runs` and `checks`. Times in s of problem time.
 
 from __future__ import annotations
 
+import collections
+import itertools
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
@@ -15,6 +17,8 @@ from hybrid.scale import to_seconds
 from hybrid.tasks import program_operations
 from hybrid.timeline import Timeline
 
+# Of a timeline that never repeats, some seconds of laying out.
+MOST_STRETCHES = 25
 PROGRAM = "program"  # what a row is called where there is one program
 
 
@@ -38,7 +42,8 @@ def task_rows(
 ) -> tuple[TaskRow, ...]:
     """Of every task, by name, or of the one program; none without a digital machine.
 
-    Args: until: ticks up to which the timeline was played (default: all).
+    Args: until: ticks up to which the timeline was played (default: all; where clocks jitter it is then
+    laid out here, for MOST_STRETCHES stretches at most).
     """
     timing = machine.timing
     if not timing.period:
@@ -50,6 +55,8 @@ def task_rows(
         share = timing.compute / timing.period
         report = TaskReport(PROGRAM, cycles, 0, response_s, share)
         return (_row(machine, 0, report, timing.period, timing.compute, 0),)
+    if timeline.later and until is None:  # of a run that is not played
+        collections.deque(itertools.islice(timeline.further(), MOST_STRETCHES), maxlen=0)
     return tuple(
         _row(machine, i, report, task.period, task.compute, task.rank)
         for i, (report, task) in enumerate(

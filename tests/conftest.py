@@ -133,7 +133,8 @@ def start():
     """Player of a machine, nothing played yet."""
 
     def player(machine, seed=0, keep_every=1):
-        return Player(machine, build_timeline(machine), pens_for(machine), seed, keep_every)
+        timeline = build_timeline(machine, seed)
+        return Player(machine, timeline, pens_for(machine), seed, keep_every)
 
     return player
 

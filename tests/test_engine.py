@@ -205,7 +205,7 @@ def test_a_flat_timeline_plays_the_bits_of_a_tiled_one(case, shipped, monkeypatc
     layouts = []
 
     def played(build):
-        def seen(machine):
+        def seen(machine, seed=0):
             layouts.append(build(machine))
             return layouts[-1]
 

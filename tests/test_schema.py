@@ -173,7 +173,7 @@ def _section_examples() -> Iterator[object]:
 def test_examples_of_sections(path: str, key: str, example: Any) -> None:
     patch = _example()
     with_tasks = {"tasks": SCHEMA["properties"]["digital"]["properties"]["tasks"]["examples"][0]}
-    if path.startswith("digital/tasks") or key in ("task", "tasks", "scheduling"):
+    if path.startswith("digital/tasks") or key in ("task", "transfer", "tasks", "scheduling"):
         patch["digital"] = copy.deepcopy(with_tasks)
     table = patch
     for step in path.split("/") if path else ():

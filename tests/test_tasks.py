@@ -61,6 +61,7 @@ class Slow:
         self.cycle = [None] * len(tasks)  # [due, begun, left, started]
         self.queue = [[] for _ in tasks]
         self.running, self.events, self.responses, self.overruns = None, [], [], []
+        self.ticks = None  # of each task's clock, where it is late by chance
 
     def begin(self, i, due, now):
         self.cycle[i] = [due, now, self.tasks[i].compute, False]
@@ -84,7 +85,7 @@ class Slow:
         if self.running is not None and self.cycle[self.running][2] == 0:
             self.finish(self.running, now)
         for i, task in enumerate(self.tasks):
-            if now >= task.phase and (now - task.phase) % task.period == 0:
+            if now in self.ticks[i]:
                 if self.cycle[i] is None:
                     self.begin(i, now, now)
                 else:
@@ -110,6 +111,7 @@ class Slow:
 
     def play(self, until, every):
         self.begun = [set() for _ in self.tasks]
+        self.ticks = self.ticks or [set(range(t.phase, until + 1, t.period)) for t in self.tasks]
         old = self.begin
 
         def begin(i, due, now):
@@ -177,6 +179,158 @@ def test_what_repeats_is_laid_out_once(machine):
     # The slow one begins at 7, gives way at 8 and 10 and ends at 11: the last one is not done.
     assert [r.cycles for r in report] == [5 * 10**6, 10**6 - 1]
     assert [r.worst_response_s for r in report] == [0.5e-3, 4e-3]
+
+
+# --- jitter ----------------------------------------------------------------------------------------
+
+
+def jittery(machine, until, every=100, overrun="skip"):
+    """Two tasks whose clocks are late by up to 64 and 320 ticks, each with an ADC and a DAC."""
+    tasks = (
+        TaskTiming("t0", 1000, 0, 300, 0, overrun, jitter=64),
+        TaskTiming("t1", 4000, 500, 1500, 1, overrun, jitter=320),
+    )
+    return rewired(machine, tasks, until, every, adcs=[(0, 0, 0), (1, 0, 0)], dacs=[0, 1])
+
+
+def ticks_in(events):
+    """When each task's clock ticked, from the samples that it takes then."""
+    return [
+        [t for t, kind, i in events if (kind, i) == (Happening.SAMPLE, task)] for task in (0, 1)
+    ]
+
+
+def test_clocks_are_late_by_what_is_drawn(machine):
+    events = listed(build_timeline(jittery(machine, 4_000_000), seed=3))
+    for late_by, period, phase, ticks in zip(
+        (64, 320), (1000, 4000), (0, 500), ticks_in(events), strict=True
+    ):
+        late = np.array(ticks) - phase - period * np.arange(len(ticks))
+        assert set(late.tolist()) == set(range(0, late_by + 1, late_by // 64))
+        # Even over 65 values: mean and variance within five standard deviations.
+        n, mean, variance = len(late), late_by / 2, late_by**2 / 12 * (66 / 64)
+        assert abs(late.mean() - mean) < 5 * math.sqrt(variance / n)
+        assert abs(late.var() / variance - 1) < 5 * math.sqrt(0.8 / n)
+        assert abs(np.corrcoef(late[1:], late[:-1])[0, 1]) < 5 / math.sqrt(n)
+
+
+def test_late_clocks_are_scheduled_like_any_other(machine):
+    wired = jittery(machine, 400_000)
+    timeline = build_timeline(wired, seed=8)
+    events = listed(timeline)
+    slow = Slow(wired.timing.tasks, True, [(0, 0, 0), (1, 0, 0)], [0, 1])
+    slow.ticks = [set(ticks) for ticks in ticks_in(events)]
+    assert events == slow.play(400_000, 100).events
+    for i, report in enumerate(timeline.reports(wired)):
+        assert report.cycles == len([1 for task, _ in slow.responses if task == i])
+        # The response is counted from when the cycle was due.
+        period, phase = wired.timing.tasks[i].period, wired.timing.tasks[i].phase
+        worst = max(r + (t - phase) % period for (task, r), t in zip_ends(slow, i))
+        assert report.worst_response_s == worst / TICKS_PER_SECOND
+
+
+def zip_ends(slow, i):
+    """Responses of one task, counted from the ticks, beside those ticks."""
+    own = [(task, r) for task, r in slow.responses if task == i]
+    ends = [t for t, kind, j in slow.events if (kind, j) == (END, i)]
+    return [(pair, end - pair[1]) for pair, end in zip(own, ends, strict=True)]
+
+
+def test_stretches_show_nowhere(machine, monkeypatch):
+    whole = listed(build_timeline(jittery(machine, 50_000), seed=1))
+    monkeypatch.setattr("hybrid.stretches.CLOCKS", 3)
+    timeline = build_timeline(jittery(machine, 50_000), seed=1)
+    assert listed(timeline) == whole
+    assert listed(build_timeline(jittery(machine, 50_000), seed=2)) != whole
+
+
+def test_an_overrun_by_chance_stops_the_run(machine):
+    # The second task ends 500 + 1500 + at least 600 after its tick: it overruns where its next tick is
+    # early. With a compute time of 2700 it has 4000 - 320 at worst and needs 2700 + 4 * 300 at most.
+    wired = jittery(machine, 4_000_000, overrun="stop")
+    tasks = (wired.timing.tasks[0], replace(wired.timing.tasks[1], compute=2750))
+    wired = replace(wired, timing=replace(wired.timing, tasks=tasks))
+    timeline = build_timeline(wired, seed=1)
+    events = listed(timeline)
+    assert "'t1' has overrun" in timeline.why_stopped
+    started = [t for t, kind, i in events if (kind, i) == (START, 1)]
+    ended = [t for t, kind, i in events if (kind, i) == (END, 1)]
+    assert len(started) == len(ended) + 1 and events[-1][0] < 4_000_000
+    assert 4000 - 320 <= events[-1][0] - ticks_in(events)[1][-1] <= 4000 + 320
+
+
+JITTER = """
+title: A loop whose clock is late by chance
+machine: ideal
+analog:
+  rate: {integrate: {torque: 1}, initial: 0 rad/s, full_scale: 10 rad/s}
+  angle: {integrate: {rate: 1}, initial: 0.1 rad, full_scale: 1 rad}
+interface:
+  angle_word: {adc: angle}
+  torque: {dac: demand, initial: 0, full_scale: 100 rad/s^2}
+digital:
+  tasks:
+    loop: {period: 10 ms, compute_time: 2 ms, jitter: 5 ms, program: {demand: -100*angle_word}}
+run: {until: 1 s, every: 10 ms}
+"""
+
+
+@pytest.mark.parametrize("clocks", [7, 2000])
+def test_a_jittery_run_is_that_of_its_events(play, monkeypatch, clocks):
+    monkeypatch.setattr("hybrid.stretches.CLOCKS", clocks)
+    played = play(JITTER, seed=5)
+    x, torque, sample, rows, now = np.array([0.1, 0.0]), 0.0, 0.0, [], 0
+    for t, kind, _ in listed(build_timeline(played.machine, 5)):
+        dt, now = (t - now) / TICKS_PER_SECOND, t
+        x = np.array([x[0] + dt * x[1] + dt * dt / 2 * torque, x[1] + dt * torque])
+        if kind == Happening.SAMPLE:
+            sample = x[0]
+        elif kind == Happening.LATCH:
+            torque = -100 * sample
+        elif kind == Happening.RECORD:
+            rows.append(x[0])
+    np.testing.assert_allclose(played["angle"], rows, rtol=0, atol=1e-13)
+    assert not np.array_equal(played["angle"], play(JITTER, seed=6)["angle"])
+    # Done stretches are given up.
+    assert all(not segment.events for segment in played.player.segments[:-1])
+
+
+def test_jitter_on_the_nominal_machine_and_no_prediction(play):
+    one, other = (play(JITTER, preset="nominal", seed=5) for _ in range(2))
+    np.testing.assert_array_equal(one["angle"], other["angle"])
+    ideal = play(JITTER, seed=5)
+    assert np.max(np.abs(one["angle"] - ideal["angle"])) < 5e-3
+    with pytest.raises(RunError, match="clock of a task jitters"):
+        hybrid.predict(parse_patch(JITTER))
+    (row,) = hybrid.run(parse_patch(JITTER), seed=5).tasks
+    assert row.cycles == 100 and 6e-3 < row.worst_response_s <= 7e-3
+    (row,) = hybrid.check(parse_patch(JITTER), trial=False).tasks
+    assert row.cycles == 100
+
+
+def test_when_a_function_was_asked_beyond_its_range_is_known_after_many_stretches(monkeypatch):
+    low = "low: 'density_us76(high * max(0, 0.09 - angle_word))'"
+    text, found = JITTER.replace("-100*angle_word}", f"-100*angle_word, {low}}}"), []
+    text = text.replace("analog:", "parameters: {high: 1e8 m}\nanalog:")
+    for clocks in (3, 2000):
+        monkeypatch.setattr("hybrid.stretches.CLOCKS", clocks)
+        found.append(hybrid.run(parse_patch(text), seed=5).outside)
+    assert found[0] == found[1]
+    assert 0 < found[0][0]["time_s"] < 0.5 and found[0][0]["times"] > 1
+
+
+# --- double-buffered DACs --------------------------------------------------------------------------
+
+
+def test_a_double_buffered_dac_shows_at_the_transfer(play):
+    text = TWO_RATES.replace("FAST", "0.25 s").replace("SLOW", "0.5 s")
+    text = text.replace("initial: -1}", "initial: -1, transfer: slow}")
+    played = play(text)
+    # slow ends at 4 j + 0.75, when the last result of fast is that of the cycle of 4 j.
+    t = np.arange(25) / 2
+    j = np.floor((t - 0.75) / 4)
+    m = np.where(j > 0, j, 0)  # fast reads it at 4 j, when slow has ended j times
+    np.testing.assert_allclose(played["shown"], np.where(j < 0, -1, 100 * m + 4 * j), atol=1e-12)
 
 
 # --- theory ----------------------------------------------------------------------------------------
@@ -462,6 +616,8 @@ WRONG = {
     ),
     "unknown task": ("{adc: angle}", "{adc: angle, task: quick}", 8, "unknown task 'quick'"),
     "scheduling": ("  tasks:\n", "  scheduling: fair\n  tasks:\n", 11, "scheduling is 'fair'"),
+    "jitter": ("slow: {", "slow: {jitter: 2*t, ", 13, "must be shorter than the period"),
+    "transfer": ("initial: 0, full", "initial: 0, transfer: slw, full", 9, "did you mean 'slow'"),
     "full": ("slow: {", "slow: {overrun: queue, compute_time: 2*t, ", 13, "twice"),
     "no words": ("{trim: -20*angle_word}", "{}", 13, "no words"),
     "long conversion": (

@@ -8,27 +8,28 @@ from __future__ import annotations
 
 import functools
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from hybrid.clockwork import Happening
-from hybrid.engine import kernel
+from hybrid.engine import kernel, library
 from hybrid.engine.kernel import Coupling, Deck, Pens, Plant, Score, State
-from hybrid.engine.library import SEGMENT
 from hybrid.engine.lookup import pack
 from hybrid.engine.propagator import Propagator, propagator
+from hybrid.errors import PatchError
 from hybrid.machine import Floats, Machine, Pen
 from hybrid.modes import CONTINUE
 from hybrid.scale import to_seconds
 from hybrid.streams import stream
 from hybrid.tape import FIRST_WIDE
-from hybrid.timeline import Segment, Timeline
+from hybrid.timeline import Segment, Timeline, most_intervals
 
 # Small enough to answer Ctrl-C at once and to keep the normal draws in the cache.
 CHUNK_CUES = 1_000_000
 CHUNK_DRAWS = 1 << 17
 NO_DRAWS = np.zeros(0)
+NO_COUNTS = np.zeros(1, dtype=np.int64)
 # Tells the overload of a DAC's input from that of the analog signal it drives.
 DAC_SUFFIX = " (DAC)"
 
@@ -62,8 +63,15 @@ class Player:
         """Prepare the run; nothing is played yet. `keep_every`: rows of the record kept, 1 in n."""
         self.machine, self.timeline, self.keep_every = machine, timeline, keep_every
         self.seed = seed
-        intervals, self.offsets, self.scores = _score(machine, timeline)
-        self.plant = self._analog_side(intervals)
+        self.segments: list[Segment] = []
+        self.offsets: list[list[int]] = []
+        self.scores: list[Score] = []
+        self._numbers: dict[int, int] = {}  # of the intervals met so far, in ticks
+        self._further = timeline.further()
+        self._asked_ticks: dict[int, int] = {}  # of segments that are no more held
+        for segment in timeline.segments or (next(self._further),):
+            self._add(segment)
+        self.plant = self._analog_side(list(self._numbers))
         self.coupling, self.deck, self.pens = (
             _coupling(machine),
             _deck(machine),
@@ -94,7 +102,7 @@ class Player:
         if self.segment == len(self.scores):
             self.outcome = kernel.DONE
             return
-        score, segment = self.scores[self.segment], self.timeline.segments[self.segment]
+        score, segment = self.scores[self.segment], self.segments[self.segment]
         self.state.counts[kernel.DRAWS] = 0
         needed = self._draws_needed(segment, most_cues)
         normals = self._normals.standard_normal(needed) if needed else NO_DRAWS
@@ -148,7 +156,8 @@ class Player:
     def done_ticks(self) -> int:
         """Problem time up to which the run has been played."""
         if self.segment == len(self.scores):
-            return self.timeline.until
+            last = self.segments[-1]
+            return last.start + last.length * last.repeats
         counts = self.state.counts
         cue = counts[kernel.CUE]
         instant = self.scores[self.segment].cues[cue - 1, 2] if cue else 0
@@ -183,7 +192,7 @@ class Player:
         """Repeat and cue of the present segment that is `most_cues` further on, or its end."""
         count, cues = self.state.counts, len(self.scores[self.segment].cues)
         at = int(count[kernel.REPEAT]) * cues + int(count[kernel.CUE]) + most_cues
-        return divmod(min(at, self.timeline.segments[self.segment].repeats * cues), cues)
+        return divmod(min(at, self.segments[self.segment].repeats * cues), cues)
 
     def _draws_needed(self, segment: Segment, most_cues: int) -> int:
         """Exact number of draws of the next `most_cues` cues, so that none is wasted."""
@@ -201,10 +210,68 @@ class Player:
         self._collect_overloads()
         self.state.counts[[kernel.REPEAT, kernel.CUE]] = 0
         self.segment += 1
-        self.state.outside[-1, SEGMENT] = self.segment
+        self.state.outside[-1, library.SEGMENT] = self.segment
+        if self.segment < len(self.segments):
+            return
+        further = next(self._further, None)
+        if further is not None:  # the last one is no more needed
+            outside = self.state.outside[:-1]
+            here = outside[:, library.SEGMENT] == self.segment - 1
+            for row in np.flatnonzero(here & (outside[:, library.TIMES] > 0.0)).tolist():
+                self._asked_ticks[row] = self.asked_ticks(row)
+            known, nothing = len(self._numbers), Score(np.zeros((0, 3), dtype=np.int32))
+            self.scores[-1], self.offsets[-1], self._draws[-1] = nothing, [], NO_COUNTS
+            self.segments[-1] = replace(self.segments[-1], events=())
+            self._add(further)
+            if len(self._numbers) > known:
+                self._more_intervals(list(self._numbers)[known:])
+            self._draws.append(_draws(self.scores[-1].cues, self.plant.draws))
+
+    def asked_ticks(self, row: int) -> int:
+        """When a place of the program first asked a function beyond its range."""
+        columns = (library.SEGMENT, library.REPEAT, library.INSTANT)
+        segment, repeat, instant = (int(self.state.outside[row, column]) for column in columns)
+        if not self.offsets[segment]:  # long past
+            return self._asked_ticks[row]
+        stretch = self.segments[segment]
+        offset = self.offsets[segment][instant] if instant >= 0 else 0
+        return stretch.start + repeat * stretch.length + offset
+
+    def _add(self, segment: Segment) -> None:
+        """Take in a segment: its score and its instants."""
+        looks = bool(_sums(self.machine)) or bool(self.machine.elements)
+        cues, at = _cues(segment, self._numbers, looks)
+        most = most_intervals(self.machine)
+        if len(self._numbers) > most:
+            raise PatchError(
+                f"the run has more than {most} different intervals between events; make periods, "
+                "compute times and 1/64 of every jitter small multiples of each other",
+                self.machine.patch.run.until.place,
+            )
+        self.segments.append(segment)
+        self.offsets.append(at)
+        self.scores.append(Score(np.array(cues, dtype=np.int32)))
+
+    def _more_intervals(self, intervals: list[int]) -> None:
+        """Get ready to advance the analog side over further intervals (ticks)."""
+        more = _plant(self.machine, intervals)
+        blocks, inputs = more.change.shape[1], more.change.shape[2]
+        old = self.plant
+        if inputs != old.change.shape[2]:  # the rank of the noise differs
+            both = _plant(self.machine, list(self._numbers))
+            grown = both.change.shape[2] - old.change.shape[2]
+            if grown:
+                self.state = self.state._replace(v=np.concatenate([self.state.v, np.zeros(grown)]))
+            self.plant = both
+            return
+        assert blocks == old.change.shape[1]
+        self.plant = old._replace(
+            change=np.concatenate([old.change, more.change]),
+            draws=np.concatenate([old.draws, more.draws]),
+        )
 
     def _instant_ticks(self, repeat: int, instant: int) -> int:
-        segment = self.timeline.segments[self.segment]
+        segment = self.segments[self.segment]
         offset = self.offsets[self.segment][instant] if instant >= 0 else 0
         return segment.start + int(repeat) * segment.length + offset
 
@@ -231,22 +298,10 @@ class Player:
             self._overload_s[row] = (first, value, worst, worst_s, instants)
         self.state.beyond[:] = 0.0
         # An overload at the very end of a segment is at the first instant of the next one too.
-        segment, last = self.timeline.segments[self.segment], len(self.offsets[self.segment]) - 1
+        segment, last = self.segments[self.segment], len(self.offsets[self.segment]) - 1
         at_the_end = notes[:, kernel.LAST] == segment.repeats * last + 1
         notes[:] = 0
         notes[at_the_end, kernel.LAST] = 1
-
-
-def _score(machine: Machine, timeline: Timeline) -> tuple[list[int], list[list[int]], list[Score]]:
-    """Distinct intervals in ticks; the offsets of the instants and the score of each segment."""
-    numbers: dict[int, int] = {}
-    looks = bool(_sums(machine)) or bool(machine.elements)
-    offsets, scores = [], []
-    for segment in timeline.segments:
-        cues, at = _cues(segment, numbers, looks)
-        offsets.append(at)
-        scores.append(Score(np.array(cues, dtype=np.int32)))
-    return list(numbers), offsets, scores
 
 
 # The cue of each kind of event; nothing is done at the end of a stretch.

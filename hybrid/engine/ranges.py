@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from hybrid.engine.library import ARGUMENT, INSTANT, REPEAT, SEGMENT, TIMES, VALUE
+from hybrid.engine.library import ARGUMENT, TIMES, VALUE
 from hybrid.engine.linear import Player
 from hybrid.scale import to_seconds
 from hybrid.tables import ACTIONS, STOPS
@@ -67,16 +67,12 @@ def outside(player: Player) -> tuple[Outside, ...]:
     found = []
     for row in np.flatnonzero(notes[:-1, TIMES]).tolist():
         note = notes[row]
-        segment, repeat, instant = (int(note[column]) for column in (SEGMENT, REPEAT, INSTANT))
-        stretch = player.timeline.segments[segment]
-        offset = player.offsets[segment][instant] if instant >= 0 else 0
-        ticks = stretch.start + repeat * stretch.length + offset
         found.append(
             Outside(
                 player.machine.tape.sites[row],
                 int(note[ARGUMENT]),
                 float(note[VALUE]),
-                to_seconds(ticks),
+                to_seconds(player.asked_ticks(row)),
                 int(note[TIMES]),
             )
         )

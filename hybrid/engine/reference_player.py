@@ -103,7 +103,7 @@ class ReferencePlayer(CircuitPlayer):
 
     def _follow(self, cue: list[int]) -> int:
         """Advance the circuit to the cue's instant, or let it follow a jump; WAITING: done."""
-        clock, reference = self.clocks[self.segment], self.reference
+        clock, reference = self.clock, self.reference
         start_s = clock.start_s + int(self.state.counts[kernel.REPEAT]) * clock.length_s
         v, inputs_at = self.state.v, self.plant.kept.shape[0]
         reference.held = v[inputs_at + self.side.held]

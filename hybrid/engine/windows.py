@@ -184,23 +184,36 @@ class CircuitPlayer(Player):
 
     side: Side
     noise: Noise | None
-    clocks: tuple[Clock, ...]
+    intervals_s: Floats  # of all intervals between instants met so far
+
+    @property
+    def clock(self) -> Clock:
+        """Times of the present segment."""
+        segment, offsets = self.segments[self.segment], self.offsets[self.segment]
+        if self._clock_of != self.segment:
+            self._clock_of = self.segment
+            self._clock = Clock(
+                to_seconds(segment.start),
+                to_seconds(segment.length),
+                np.array([to_seconds(t) for t in offsets]),
+                self.intervals_s,
+            )
+        return self._clock
+
+    _clock_of = -1
+
+    def _more_intervals(self, intervals: list[int]) -> None:
+        more = np.array([to_seconds(t) for t in intervals])
+        self.intervals_s = np.concatenate([self.intervals_s, more])
+        nothing = np.zeros(len(intervals), dtype=np.int64)
+        self.plant = self.plant._replace(draws=np.concatenate([self.plant.draws, nothing]))
 
     def _analog_side(self, intervals: list[int]) -> Plant:
         """A plant without propagators; the circuit is `side`."""
         self.side = _side(self.machine)
         circuit = self.side.circuit
         self.noise = new_noise(circuit, self._normals, NODES) if len(circuit.noisy) else None
-        intervals_s = np.array([to_seconds(t) for t in intervals])
-        self.clocks = tuple(
-            Clock(
-                to_seconds(segment.start),
-                to_seconds(segment.length),
-                np.array([to_seconds(t) for t in offsets]),
-                intervals_s,
-            )
-            for segment, offsets in zip(self.timeline.segments, self.offsets, strict=True)
-        )
+        self.intervals_s = np.array([to_seconds(t) for t in intervals])
         signals, inputs = len(self.machine.analog.signals), len(self.machine.analog.inputs)
         return Plant(
             np.zeros((0, 0, inputs, 8)),
@@ -258,7 +271,7 @@ class CircuitPlayer(Player):
             stop_cue,
             self.side,
             self.noise,
-            self.clocks[self.segment],
+            self.clock,
         )
         return outcome
 

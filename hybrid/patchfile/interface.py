@@ -54,6 +54,7 @@ def _dac(book: Book, name: str, table: Table, place: Place) -> Dac:
         scale.dimension,
         fields.quantities(ERROR_KEYS),
         place,
+        _task(book, fields, "transfer", f"{what} is transferred by"),
     )
 
 
@@ -72,18 +73,18 @@ def _adc(book: Book, name: str, table: Table, place: Place) -> Adc:
         values.get("conversion_time"),
         fields.integer("channel", 0),
         place,
-        _task(book, fields, what),
+        _task(book, fields, "task", f"{what} is sampled by"),
     )
 
 
-def _task(book: Book, fields: Fields, what: str) -> str | None:
-    """The task that is to sample an ADC; None where it is not given."""
-    if "task" not in fields.table.entries:
+def _task(book: Book, fields: Fields, key: str, doing: str) -> str | None:
+    """The task that is to sample or to show; None where it is not given."""
+    if key not in fields.table.entries:
         return None
-    task, place = fields.text("task"), fields.place("task")
+    task, place = fields.text(key), fields.place(key)
     if not book.tasks:
-        raise PatchError(f"{what} is sampled by task {quoted(task)}; the patch has no tasks", place)
+        raise PatchError(f"{doing} task {quoted(task)}; the patch has no tasks", place)
     if task not in book.tasks:
         hint = did_you_mean(task, book.tasks)
-        raise PatchError(f"{what} is sampled by unknown task {quoted(task)}; {hint}", place)
+        raise PatchError(f"{doing} unknown task {quoted(task)}; {hint}", place)
     return task

@@ -172,6 +172,7 @@ def _tasks(
                 overruns[_chosen(fields, TASK_KEYS, "overrun")],
                 words,
                 place,
+                values.get("jitter"),
             )
         )
     if len({task.priority is None for task in found}) > 1:

@@ -111,7 +111,7 @@ def _numbers(patch: Patch) -> list[Value]:
         optional += [length.full_scale for length in (program.word, *program.lengths.values())]
         optional += program.processor.times.values() if program.processor else ()
         for task in program.tasks:
-            optional += [task.period, task.phase, task.compute_time]
+            optional += [task.period, task.phase, task.compute_time, task.jitter]
     for readout in patch.readouts:
         optional += [readout.start, readout.end]
     if patch.modes:
