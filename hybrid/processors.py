@@ -9,17 +9,18 @@ addition each). Reading operands is in the published times of the machines that 
 
 Published times:
 
-- `ibm_7090` (1959): fixed point, in cycles of 2.18 us: ADD two (I, E), MPY at most 14, DVH at most 14
-  (I, E, 12 L), STO two. IBM 7090 Customer Engineering manual, sections on the arithmetic instructions.
+- `ibm_7090` (1959): fixed point, in cycles of 2.18 us: MPY at most 14, DVH at most 14
+  (I, E, 12 L). IBM 7090 Customer Engineering manual, sections on the arithmetic instructions; the
+  length of the cycle, ADD and STO, two cycles, are from memory.
 - `ibm_1620` (1959), with automatic floating point: add 1.2 ms, multiply 12.5 ms, divide 41.7 ms for
   mantissas of eight digits, operands in memory (IBM's announcement). Results are written by the
   operation itself.
-- `apollo_guidance_computer` (Block II, 1966): 15-bit words, memory cycle of 11.72 us; AD two cycles, MP
-  three and one for EXTEND (H. Blair-Smith's annotations to E. Hall, "Journey to the Moon"); DV six and
+- `apollo_guidance_computer` (Block II, 1966): 15-bit words, memory cycle of 11.72 us; MP three and
+  one for EXTEND (H. Blair-Smith's annotations to E. Hall, "Journey to the Moon"); AD two, DV six and
   one, TS two, from memory.
 - `cdc_6600` (1964): minor cycles of 100 ns: floating multiply 10, floating divide 29 (J. Thornton,
-  "Parallel operation in the Control Data 6600", 1964); floating add 4 from memory. Its units work at the
-  same time; counted one after the other, this is the slow side of the truth.
+  "Parallel operation in the Control Data 6600", 1964); floating add 4 and the store from memory. Its
+  units work at the same time; counted one after the other, this is the slow side of the truth.
 - `cortex_m4f`: a microcontroller of 48 MHz with Arm's single-precision unit: add and multiply one
   cycle, divide 14, load two (Texas Instruments SWCU192, tables of the instruction set); square root 14
   and store two from memory. Two loads stand beside every operation, as in code that keeps its words in
