@@ -11,7 +11,7 @@ import numpy as np
 import numpy.typing as npt
 
 from hybrid.engine.compiling import compiled, inlined
-from hybrid.engine.library import compute_helper
+from hybrid.engine.helper_functions import compute_helper
 from hybrid.engine.lookup import look_up
 from hybrid.tape import FIRST_WIDE, Memory, Op
 

@@ -15,7 +15,7 @@ from typing import Any, NamedTuple
 import numpy as np
 import numpy.typing as npt
 
-from hybrid.engine import library
+from hybrid.engine import helper_functions
 from hybrid.engine.arithmetic import remember, run_tape, run_wide
 from hybrid.engine.compiling import compiled, inlined
 from hybrid.engine.rounding import BITS, OVERFLOW, STEP, STOP, code_of, run_rounded, within
@@ -97,7 +97,7 @@ class State(NamedTuple):
     counts: Ints  # see the constants below
     overload: Ints  # (signals + adcs + dacs + words, 6): see the constants below
     beyond: Floats  # (signals + adcs + dacs + words, 2): first and worst value
-    outside: Floats  # (sites of the tape + 1, 6): see `library`
+    outside: Floats  # (sites of the tape + 1, 6): see `helper_functions`
     asked: Floats  # (sites, 4): arguments of tables
     intervals: Ints  # (sites, 4): where they lay
 
@@ -317,8 +317,8 @@ def play(
                 if plain:
                     run_tape(code, registers, starts[i, 0], starts[i + 1, 0])
                 else:
-                    outside[clock, library.REPEAT] = repeat
-                    outside[clock, library.INSTANT] = cues[at, 2]
+                    outside[clock, helper_functions.REPEAT] = repeat
+                    outside[clock, helper_functions.INSTANT] = cues[at, 2]
                     if not limited:
                         own = code[starts[i, 0] : starts[i + 1, 0]]
                         run_wide(own, registers, figures, layout, outside, asked, intervals)
@@ -326,7 +326,7 @@ def play(
                         outcome = OVERFLOWED
                     elif stops != NEVER and any_noted(notes):
                         outcome = OVERLOADED
-                    if outside[clock, library.TIMES] > 0.0:
+                    if outside[clock, helper_functions.TIMES] > 0.0:
                         outcome = OUTSIDE
                     if outcome != PAUSED:
                         break

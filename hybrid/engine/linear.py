@@ -13,7 +13,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from hybrid.clockwork import Happening
-from hybrid.engine import kernel, library
+from hybrid.engine import helper_functions, kernel
 from hybrid.engine.kernel import Coupling, Deck, Pens, Plant, Score, State
 from hybrid.engine.lookup import pack
 from hybrid.engine.propagator import Propagator, propagator
@@ -210,14 +210,14 @@ class Player:
         self._collect_overloads()
         self.state.counts[[kernel.REPEAT, kernel.CUE]] = 0
         self.segment += 1
-        self.state.outside[-1, library.SEGMENT] = self.segment
+        self.state.outside[-1, helper_functions.SEGMENT] = self.segment
         if self.segment < len(self.segments):
             return
         further = next(self._further, None)
         if further is not None:  # the last one is no more needed
             outside = self.state.outside[:-1]
-            here = outside[:, library.SEGMENT] == self.segment - 1
-            for row in np.flatnonzero(here & (outside[:, library.TIMES] > 0.0)).tolist():
+            here = outside[:, helper_functions.SEGMENT] == self.segment - 1
+            for row in np.flatnonzero(here & (outside[:, helper_functions.TIMES] > 0.0)).tolist():
                 self._asked_ticks[row] = self.asked_ticks(row)
             known, nothing = len(self._numbers), Score(np.zeros((0, 3), dtype=np.int32))
             self.scores[-1], self.offsets[-1], self._draws[-1] = nothing, [], NO_COUNTS
@@ -229,7 +229,7 @@ class Player:
 
     def asked_ticks(self, row: int) -> int:
         """When a place of the program first asked a function beyond its range."""
-        columns = (library.SEGMENT, library.REPEAT, library.INSTANT)
+        columns = (helper_functions.SEGMENT, helper_functions.REPEAT, helper_functions.INSTANT)
         segment, repeat, instant = (int(self.state.outside[row, column]) for column in columns)
         if not self.offsets[segment]:  # long past
             return self._asked_ticks[row]

@@ -11,7 +11,7 @@ import numpy as np
 import numpy.typing as npt
 
 from hybrid.engine.compiling import compiled_alike
-from hybrid.engine.library import note_outside
+from hybrid.engine.helper_functions import note_outside
 from hybrid.tables import CONTINUES, METHODS, Table
 
 Floats = npt.NDArray[np.float64]

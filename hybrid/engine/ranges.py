@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from hybrid.engine.library import ARGUMENT, TIMES, VALUE
+from hybrid.engine.helper_functions import ARGUMENT, TIMES, VALUE
 from hybrid.engine.linear import Player
 from hybrid.scale import to_seconds
 from hybrid.tables import ACTIONS, STOPS

@@ -26,7 +26,7 @@ from hybrid.engine.arithmetic import (
     operate,
 )
 from hybrid.engine.compiling import compiled, strictly
-from hybrid.engine.library import compute_helper
+from hybrid.engine.helper_functions import compute_helper
 from hybrid.engine.lookup import look_up
 from hybrid.wordlength import Figures, Kind, Overflow
 

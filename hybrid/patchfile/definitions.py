@@ -42,7 +42,7 @@ class Definition:
     source: str  # "parts/euler.yaml", or "brick.yaml, wheel" of a definition, for messages
     table: Table
     folder: Path
-    library: Table | None  # the definitions of its file
+    neighbours: Table | None  # the definitions of its file
 
     def section(self, name: str) -> Table | None:
         """A section that is a mapping, or None where it is absent."""
@@ -90,21 +90,21 @@ class Definition:
 def definition_in(file: str, root: Table) -> Definition:
     """The sub-patch that a whole file is."""
     tree = root.entries.get("definitions")
-    library = None if tree is None else table_of(tree, "definitions", "name: sub-patch")
-    made = Definition(file, root, Path(file).parent, library)
+    neighbours = None if tree is None else table_of(tree, "definitions", "name: sub-patch")
+    made = Definition(file, root, Path(file).parent, neighbours)
     _check(made)
     return made
 
 
 def named_definition(name: str, of: Definition, what: str, place: Place) -> Definition:
     """One of the definitions in the file of a sub-patch."""
-    library = of.library.entries if of.library else {}
-    if name not in library:
-        hint = did_you_mean(name, library)
+    neighbours = of.neighbours.entries if of.neighbours else {}
+    if name not in neighbours:
+        hint = did_you_mean(name, neighbours)
         raise PatchError(f"{what} uses unknown definition {quoted(name)}; {hint}", place)
-    table = table_of(library[name], f"definition {name!r}")
+    table = table_of(neighbours[name], f"definition {name!r}")
     only_keys(table, DEFINITION_KEYS, f"definition {name!r}")
-    made = Definition(f"{of.source.partition(', ')[0]}, {name}", table, of.folder, of.library)
+    made = Definition(f"{of.source.partition(', ')[0]}, {name}", table, of.folder, of.neighbours)
     if digital := made.section("digital"):
         only_keys(digital, PART_DIGITAL_KEYS, "digital of a definition")
     _check(made)
