@@ -6,6 +6,7 @@ Stage 5. An interrupted or stopped run keeps what was computed and says so.
 from __future__ import annotations
 
 import json
+import time
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
 from functools import cached_property
@@ -61,6 +62,7 @@ class Run:
     engine: str = "exact"  # which one played it
     outside: tuple[dict[str, Any], ...] = ()  # functions of the program asked beyond their range
     tasks: tuple[TaskRow, ...] = ()  # how the digital machine did
+    played_s: float = 0.0  # how long the engine took, of real time
 
     @cached_property
     def record(self) -> xr.Dataset:
@@ -150,7 +152,9 @@ def run(
     keep_every = thinning(compiled, timeline.rows)
     pens = pens_for(compiled, readouts_only)
     player = player_of(compiled, engine)(compiled, timeline, pens, seed, keep_every)
+    began_s = time.perf_counter()
     status, note = _play(player, progress)
+    played_s = time.perf_counter() - began_s
     every_s = to_seconds(compiled.timing.every * keep_every)
     period = compiled.timing.period
     result = Run(
@@ -168,6 +172,7 @@ def run(
         engine=played_by,
         outside=tuple(found.facts() for found in outside(player)),
         tasks=task_rows(compiled, timeline, player.done_ticks),
+        played_s=played_s,
     )
     try:
         result.readouts.update(_read_out(result, every_s))
@@ -267,7 +272,13 @@ def ending(player: Player) -> tuple[str, str]:
             "or a root or logarithm of a negative number)"
         )
     machine = player.machine
-    notes = (_held_note(player), _short_note(machine), _left_out(player), _outside_note(player))
+    notes = (
+        _held_note(player),
+        _short_note(machine),
+        _left_out(player),
+        _outside_note(player),
+        *player.remarks(),
+    )
     return "complete", "; ".join(filter(None, notes))
 
 
@@ -295,9 +306,11 @@ def _held_note(player: Player) -> str:
 def _left_out(player: Player) -> str:
     """What the engine does not play of this machine; ''."""
     machine = player.machine
+    if player.plays_noise:
+        return ""
     sources = {c.name for c in machine.patch.components if c.kind == "noise_source"}
     noisy = sorted(n for n, stage in machine.stages.items() if stage.noise > 0.0 or n in sources)
-    if player.plays_noise or not noisy:
+    if not noisy:
         return ""
     return (
         "noise left out: the reference engine plays none "

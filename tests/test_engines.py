@@ -10,9 +10,11 @@ from test_windows import EVERYTHING
 import hybrid
 from hybrid.cli import main
 from hybrid.compiler import compile_patch
+from hybrid.engine import reference_player
 from hybrid.errors import PatchError, RunError
 from hybrid.patchfile import parse_duration
 from hybrid.runs import run
+from hybrid.shipped import shipped_patches
 
 RESOLUTION = 1e-9  # of the nonlinear engine, in full scales
 
@@ -70,6 +72,49 @@ def test_the_reference_agrees_on_nonlinear_patches(name, until, bound):
     assert reference.overloads == played.overloads == ()
 
 
+# Every shipped patch whose analog side is not linear and that stays in OP, and how long it is played:
+# the reference takes a second or ten for each. Chaotic ones end long before neighbours have parted.
+PLAYED = {
+    "bouncing_ball": "20 ms",
+    "cannonball": "60 ms",
+    "jerk": "2 ms",
+    "lorenz": "1 ms",
+    "mathieu": "1 ms",
+    "orbiting_cylinder": "0.2 s",
+    "predator_prey": "1 ms",
+    "relay_servo": "0.5 ms",
+    "roessler": "2 ms",
+    "tumbling_brick": "2 ms",
+    "van_der_pol": "2 ms",
+}
+
+
+def test_every_nonlinear_patch_is_compared_with_the_reference():
+    nonlinear = set()
+    for name in shipped_patches():
+        machine = compile_patch(hybrid.read_patch(name), machine="lags")
+        if machine.elements and not machine.has_modes:
+            nonlinear.add(name)
+    assert nonlinear == PLAYED.keys()
+
+
+@pytest.mark.parametrize("name", PLAYED)
+def test_nonlinear_patches_agree_with_a_tight_reference(name, monkeypatch):
+    """Within what the issue asks for, every lag on; the reference at 1e-11."""
+    monkeypatch.setattr(reference_player, "TOLERANCE", 1e-11)
+    every_s = parse_duration(PLAYED[name], "until").number({}) / 5
+    patch = replace(
+        short(name, PLAYED[name], every=parse_duration(f"{every_s!r} s", "every")), record=()
+    )
+    played, reference = (run(patch, machine="lags", engine=e) for e in ("auto", "reference"))
+    assert (played.engine, reference.engine) == ("nonlinear", "reference")
+    assert len(played.rows) == len(reference.rows) == 6
+    words = [pen.kind == "word" for pen in played.pens]
+    scale = np.where(words, np.inf, np.abs([pen.factor for pen in played.pens]))
+    assert np.max(np.abs(played.rows - reference.rows) / scale) < 1e-7
+    assert np.max(np.ptp(played.rows, axis=0) / scale) > 1e-4  # something happens
+
+
 OVERLOAD = """
 title: An oscillator that is scaled too small
 machine: lags
@@ -84,13 +129,13 @@ def test_the_reference_tells_overloads_as_the_nonlinear_engine_does():
     patch = hybrid.parse_patch(OVERLOAD)
     (one,) = run(patch, engine="nonlinear").overloads
     (other,) = run(patch, engine="reference").overloads
-    # Between steps of some 10 us signals go straight, which moves a crossing by 1e-8 s at most.
+    # The reference goes straight between steps of some 10 us: a crossing is off by 1e-8 s at most.
     for key, bound in (("time_s", 1e-6), ("duration_s", 2e-6)):
         assert other[key] == pytest.approx(one[key], abs=bound), key
     # Eq. 2.3: two lags of 1 us make it grow by exp(omega^2 tau t), up to its top at pi / (2 omega).
     top = 1.5 * np.exp(200**2 * 1e-6 * np.pi / 400)
     assert other["worst_value"] == pytest.approx(top, abs=1e-6)
-    assert one["worst_value"] == pytest.approx(top, abs=1e-4)  # it looks more seldom
+    assert one["worst_value"] == pytest.approx(top, abs=1e-6)  # of which the next order is 1e-8
 
 
 @pytest.mark.parametrize("engine", ["nonlinear", "reference"])

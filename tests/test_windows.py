@@ -1,5 +1,7 @@
 """The nonlinear engine inside a machine: converters, program, sources and record as in the exact one."""
 
+import re
+
 import numpy as np
 import pytest
 
@@ -96,11 +98,89 @@ run: {until: 31.4 ms, every: 31.4 ms}
     )
     (found,) = run(patch).overloads
     enters = np.arcsin(2 / 3) / 200
-    assert found["signal"] == "x" and found["value"] == pytest.approx(1.0, abs=0.2)
-    # Straight lines between points 1/10 of a window apart: second order in 200 * 1e-4.
-    assert found["time_s"] == pytest.approx(enters, abs=2e-5)
-    assert abs(found["worst_value"]) == pytest.approx(1.5, abs=0.01)
-    assert found["duration_s"] == pytest.approx(2 * (np.pi - 2 * np.arcsin(2 / 3)) / 200, rel=0.01)
+    assert found["signal"] == "x" and found["value"] == pytest.approx(1.0, abs=1e-11)
+    # Known to 1e-8 of full scale, which it passes at 1.5 * 200 sqrt(1 - (2/3)^2) = 224 a second.
+    assert found["time_s"] == pytest.approx(enters, abs=1e-8 / 224)
+    assert abs(found["worst_value"]) == pytest.approx(1.5, abs=1e-8)
+    tops = np.array([0.5, 1.5]) * np.pi / 200  # where it is flat to 1e-8 for sqrt(2e-8 / 1.5) / 200
+    assert np.min(np.abs(found["worst_time_s"] - tops)) < 1e-6
+    duration = 2 * (np.pi - 2 * np.arcsin(2 / 3)) / 200
+    assert found["duration_s"] == pytest.approx(duration, abs=4e-8 / 224)
+
+
+@pytest.mark.parametrize("machine", ["ideal", "lags"])
+def test_an_excursion_between_two_points_is_an_overload(machine):
+    """1.0001 sin: beyond for 2 arccos(1 / 1.0001) of the 2 pi, 0.45 % of a period each time."""
+    patch = hybrid.parse_patch(
+        """
+title: A sine that hardly goes beyond
+machine: ideal
+analog:
+  x: {sine: 1.0001, omega: 1000, full_scale: 1}
+  half: {limit: x, low: -0.5, high: 0.5, full_scale: 1}
+run: {until: 30 ms, every: 30 ms}
+"""
+    )
+    (found,) = run(patch, machine=machine).overloads
+    # Lags of 1 us lower it by 1/2 (1000 * 1e-6)^2 and delay it by 1 us.
+    tau = 0.0 if machine == "ideal" else 1e-6
+    height = 1.0001 / np.hypot(1.0, 1000 * tau)
+    each_s = 2 * np.arccos(1.0 / height) / 1000
+    enters_s = np.arcsin(1.0 / height) / 1000 + np.arctan(1000 * tau) / 1000
+    slope = height * 1000 * np.sin(500 * each_s)
+    tops = 10  # one every pi ms, the last at 9.5 pi = 29.85
+    assert found["time_s"] == pytest.approx(enters_s, abs=1e-8 / slope + 1e-12)
+    assert found["duration_s"] == pytest.approx(tops * each_s, abs=20e-8 / slope)
+    assert abs(found["worst_value"]) == pytest.approx(height, abs=1e-8)
+
+
+def test_a_lagged_relay_that_chatters_is_told():
+    """Two lags of 1 us swing at 1/tau: the relay changes some 3 us after each change, 5 ms long."""
+    text = """
+title: Sliding relay
+machine: lags
+analog:
+  x: {integrate: {u: 1}, initial: 0.05, full_scale: 1}
+  u: {compare: {x: -1}, high: 50 1/s, low: -50 1/s, full_scale: 50 1/s}
+  half: {limit: x, low: -0.5, high: 0.5, full_scale: 1}
+run: {until: 3 ms, every: 1 ms}
+"""
+    found = hybrid.run(hybrid.parse_patch(text))
+    assert found.status == "complete"
+    said = re.fullmatch(
+        r"u chatters from (.*) s on, (\d+) changes as fast as the lags allow: give it hysteresis",
+        found.status_note,
+    )
+    assert said is not None, found.status_note
+    assert float(said[1]) == pytest.approx(1e-3, abs=1e-5)  # 0.05 / 50
+    # Harmonic balance: the integrator turns by 90 degrees, each lag by 45 at omega tau = 1.
+    assert int(said[2]) == pytest.approx(2e-3 / (np.pi * 1e-6), rel=0.25)
+    calm = hybrid.run(
+        hybrid.parse_patch(text.replace("low: -50 1/s,", "low: -50 1/s, hysteresis: 0.02,"))
+    )
+    assert calm.status_note == ""
+
+
+def test_a_quotient_without_a_value_at_the_start_is_named():
+    text = """
+title: 0/0
+machine: ideal
+analog:
+  x: {integrate: {ratio: 100}, initial: 0, full_scale: 1}
+  y: {integrate: {ratio: 100}, initial: 0, full_scale: 1}
+  ratio: {divide: [x, y], full_scale: 1}
+  twice: {sum: {ratio: 2}, full_scale: 2}
+run: {until: 1 ms, every: 1 ms}
+"""
+    for machine in ("ideal", "lags"):
+        for engine in ("auto", "reference"):
+            with pytest.raises(
+                hybrid.PatchError,
+                match=r":7: component 'ratio' has no finite value at t = 0: its divisor is 0 there",
+            ):
+                run(hybrid.parse_patch(text), machine=machine, engine=engine)
+    with pytest.raises(hybrid.PatchError, match="'ratio' has no finite value"):
+        hybrid.check(hybrid.parse_patch(text))
 
 
 def test_an_output_stays_within_its_saturation_and_an_integrator_does_not_wind_up():

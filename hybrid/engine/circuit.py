@@ -13,13 +13,10 @@ from __future__ import annotations
 import functools
 import math
 from collections.abc import Mapping, Sequence
-from graphlib import TopologicalSorter
 from typing import Any, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
-from scipy.sparse import csr_array
-from scipy.sparse.csgraph import connected_components
 
 from hybrid.elements import (
     INPUT,
@@ -37,6 +34,7 @@ from hybrid.elements import (
     limit_pieces,
 )
 from hybrid.engine.kernel import Floats, Ints
+from hybrid.engine.order import computing_order, reach
 
 # Columns of Circuit.rows: kind; terms FIRST to SECOND make u, SECOND to END make w; the element that
 # controls a switch or store, or whose value is a mode (of INPUT: its place in State.held); rows in laws
@@ -64,8 +62,6 @@ SOURCE, RATE = 0, 1
 OF_SUM, OF_OUTPUT, OF_INTEGRATOR = 0, 1, 2
 
 
-# Rank of an element at which a loop cannot be cut.
-FORGETS = 2
 # Before an instant at which signals are seen, noise is resolved by a window of so many lags. What up to
 # four lags make of noise is then right to 1.5e-3 of its variance (tests/test_projection.py).
 TAIL_LAGS = 11.0
@@ -253,76 +249,6 @@ class Builder:
         }
 
 
-def computing_order(elements: Mapping[str, Element]) -> tuple[tuple[str, ...], tuple[int, int]]:
-    """Names such that few signals are read before they are computed, and those all remember.
-
-    Loops are cut at one integrator, or else at one lag, until none is left; then every element follows
-    those it reads. Returns the order and how many elements come before and up to the end of the loops.
-    """
-    return _ordered(tuple((n, tuple(e.reads()), _rank(e)) for n, e in elements.items()))
-
-
-# The runs of a batch differ in figures, not in what reads what.
-@functools.lru_cache(maxsize=32)
-def _ordered(
-    parts: tuple[tuple[str, tuple[str, ...], int], ...],
-) -> tuple[tuple[str, ...], tuple[int, int]]:
-    """The same for parts of a name, what it reads and its rank."""
-    names, rank = [name for name, _, _ in parts], [rank for _, _, rank in parts]
-    place = {name: i for i, name in enumerate(names)}
-    edges = {(place[r], place[name]) for name, reads, _ in parts for r in reads}
-    loops = [g for g in _groups(len(names), edges) if len(g) > 1 or (g[0], g[0]) in edges]
-    looped = {i for g in loops for i in g}
-    kept = set(edges)
-    while loops:
-        group = loops.pop()
-        cut = min(group, key=lambda i: (rank[i], -_fan(kept, i, group), i))
-        if rank[cut] == FORGETS:
-            raise ValueError(
-                f"a loop without integrator or lag: {', '.join(names[i] for i in group)}"
-            )
-        kept = {(a, b) for a, b in kept if a != cut or b not in group}
-        inside = {(a, b) for a, b in kept if a in group and b in group}
-        loops += [g for g in _groups(len(names), inside) if len(g) > 1 or (g[0], g[0]) in inside]
-    before, after = _reach(edges, looped, 0), _reach(edges, looped, 1)
-    section = [0 if i not in after else 2 if i not in before else 1 for i in range(len(names))]
-    readers = {i: sorted(a for a, b in kept if b == i) for i in range(len(names))}
-    ordered = sorted(TopologicalSorter(readers).static_order(), key=lambda i: section[i])
-    heads, cores = section.count(0), section.count(0) + section.count(1)
-    return tuple(names[i] for i in ordered), (heads, cores)
-
-
-def _rank(element: Element) -> int:
-    """Where a loop is cut first."""
-    return 0 if element.kind == INTEGRATE else 1 if element.remembers() else FORGETS
-
-
-def _fan(edges: set[tuple[int, int]], i: int, group: Sequence[int]) -> int:
-    return sum(a == i and b in group for a, b in edges)
-
-
-def _groups(n: int, edges: set[tuple[int, int]]) -> list[list[int]]:
-    """Strongly connected groups of the numbers below n."""
-    matrix = csr_array(
-        (np.ones(len(edges)), ([a for a, _ in edges], [b for _, b in edges])), shape=(n, n)
-    )
-    _, label = connected_components(matrix, connection="strong")
-    groups: dict[int, list[int]] = {}
-    for i in range(n):
-        groups.setdefault(int(label[i]), []).append(i)
-    return list(groups.values())
-
-
-def _reach(edges: set[tuple[int, int]], seeds: set[int], way: int) -> set[int]:
-    """Seeds and all from which they can be reached (way 0) or that they reach (way 1)."""
-    found = set(seeds)
-    while True:
-        more = {edge[way] for edge in edges if edge[1 - way] in found} - found
-        if not more:
-            return found
-        found |= more
-
-
 def lay_out(
     elements: Mapping[str, Element],
     inputs: Sequence[str],
@@ -330,64 +256,122 @@ def lay_out(
     ranges: tuple[int, int],
 ) -> Circuit:
     """The rows of a `Circuit` for elements in this order."""
-    place = {name: i for i, name in enumerate(order)}
     row = [elements[name] for name in order]
+    frame = _frame(tuple(order), tuple(inputs), ranges, tuple(_shape(e) for e in row))
+    figures = [
+        (e.constant, e.second_constant, e.gain, e.offset, *e.figures, 0.0, 0.0, 0.0)[:7]
+        for e in row
+    ]
+    gains = [gain for e in row for terms in (e.first, e.second) for gain in terms.values()]
+    pieces = [p for e in row for _, found, _ in _corners(e) for p in found]
+    return frame._replace(
+        figures=np.array(figures, dtype=float).reshape(-1, 7),
+        gain=np.array(gains, dtype=float),
+        pieces=np.array(pieces, dtype=float).reshape(-1, 6),
+        initial=np.array([(e.initial, e.initial_output) for e in row]).reshape(-1, 2),
+    )
+
+
+# What an element has beside its gains, constants and first values.
+Shape = tuple[Any, ...]
+_KIND, _FIRST, _SECOND, _CONTROL, _RESET, _HOLD, _LAG_S, _NOISE, _LOUD, _FEEDBACK, _CORNERS = range(
+    11
+)
+
+
+def _shape(e: Element) -> Shape:
+    """What decides where the figures of an element stand; runs of one patch mostly share it."""
+    return (
+        e.kind,
+        tuple(e.first),
+        tuple(e.second),
+        e.control,
+        e.reset,
+        e.hold,
+        e.lag_s,
+        e.noise,
+        e.loud,
+        e.figures[0] if e.kind == INTEGRATE and e.figures else 0.0,
+        tuple((role, len(pieces), first) for role, pieces, first in _corners(e)),
+    )
+
+
+def _corners(e: Element) -> list[tuple[int, Sequence[tuple[float, ...]], int]]:
+    """What each corner guards, its pieces, and the piece it begins in."""
+    found: list[tuple[int, Sequence[tuple[float, ...]], int]] = []
+    if e.kind == INTEGRATE:
+        limits = _integrator_limits(e)
+        if limits is not None:
+            found.append((OF_INTEGRATOR, _integrator_pieces(*limits), 1))
+    elif e.kind == PIECES:
+        found.append((OF_SUM, e.pieces, e.initial_piece))
+    if math.isfinite(e.saturation) and e.kind != INTEGRATE:
+        found.append((OF_OUTPUT, limit_pieces(-e.saturation, e.saturation), 1))
+    return found
+
+
+@functools.lru_cache(maxsize=64)
+def _frame(
+    order: tuple[str, ...],
+    inputs: tuple[str, ...],
+    ranges: tuple[int, int],
+    shapes: tuple[Shape, ...],
+) -> Circuit:
+    """The circuit without gains, constants, pieces and first values; runs share its arrays."""
+    place = {name: i for i, name in enumerate(order)}
     laws: dict[tuple[float, float], int] = {}
-    corners: list[tuple[int, int, Sequence[tuple[float, ...]], int]] = []
-    noisy = [i for i, e in enumerate(row) if e.noise > 0.0]
-    noise_rates = sorted({1.0 / row[i].lag_s for i in noisy})
-    noisy_rows = [(i, noise_rates.index(1.0 / row[i].lag_s)) for i in noisy]
-    rows, figures = np.full((len(row), 13), -1), np.zeros((len(row), 7))
-    for i, (name, e) in enumerate(zip(order, row, strict=True)):
-        rows[i, KIND], rows[i, CONTROL] = e.kind, _control(name, e, inputs, place)
-        rows[i, RESET] = -1 if e.reset is None else place[e.reset]
-        rows[i, HOLD_BY] = -1 if e.hold is None else place[e.hold]
-        figures[i, :4] = e.constant, e.second_constant, e.gain, e.offset
-        figures[i, 4 : 4 + len(e.figures)] = e.figures
-        if e.kind == INTEGRATE:
-            rows[i, LAW] = laws.setdefault((-figures[i, FEEDBACK], 1.0), len(laws))
-            limits = _integrator_limits(e)
-            if limits is not None:
-                rows[i, CORNER] = len(corners)
-                corners.append((i, OF_INTEGRATOR, _integrator_pieces(*limits), 1))
-        elif e.kind == PIECES:
-            rows[i, CORNER] = len(corners)
-            corners.append((i, OF_SUM, e.pieces, e.initial_piece))
-        if math.isfinite(e.saturation) and e.kind != INTEGRATE:
-            rows[i, STOP] = len(corners)
-            corners.append((i, OF_OUTPUT, limit_pieces(-e.saturation, e.saturation), 1))
-        if e.lag_s > 0.0:
-            rows[i, LAG] = laws.setdefault((1.0 / e.lag_s, 1.0 / e.lag_s), len(laws))
-        rows[i, TEAR] = any(name in other.reads() for other in row[: i + 1])
-        rows[i, NOISE] = noisy.index(i) if e.noise > 0.0 else -1
-    sums = [terms for e in row for terms in (e.first, e.second)]
+    corners: list[tuple[int, int, int, int]] = []  # element, role, pieces, first piece
+    noisy = [i for i, s in enumerate(shapes) if s[_NOISE] > 0.0]
+    noise_rates = sorted({1.0 / shapes[i][_LAG_S] for i in noisy})
+    noisy_rows = [(i, noise_rates.index(1.0 / shapes[i][_LAG_S])) for i in noisy]
+    rows, reads = np.full((len(order), 13), -1), [_reads(s) for s in shapes]
+    for i, (name, s) in enumerate(zip(order, shapes, strict=True)):
+        rows[i, KIND], rows[i, CONTROL] = s[_KIND], _control(name, s, inputs, place)
+        rows[i, RESET] = -1 if s[_RESET] is None else place[s[_RESET]]
+        rows[i, HOLD_BY] = -1 if s[_HOLD] is None else place[s[_HOLD]]
+        if s[_KIND] == INTEGRATE:
+            rows[i, LAW] = laws.setdefault((-s[_FEEDBACK], 1.0), len(laws))
+        for role, pieces, first in s[_CORNERS]:
+            rows[i, STOP if role == OF_OUTPUT else CORNER] = len(corners)
+            corners.append((i, role, pieces, first))
+        if s[_LAG_S] > 0.0:
+            rows[i, LAG] = laws.setdefault((1.0 / s[_LAG_S], 1.0 / s[_LAG_S]), len(laws))
+        rows[i, TEAR] = any(name in other for other in reads[: i + 1])
+        rows[i, NOISE] = noisy.index(i) if s[_NOISE] > 0.0 else -1
+    sums = [terms for s in shapes for terms in (s[_FIRST], s[_SECOND])]
     ends = np.cumsum([0] + [len(terms) for terms in sums])
     rows[:, FIRST], rows[:, SECOND], rows[:, END] = ends[:-1:2], ends[1::2], ends[2::2]
-    piece_ends = np.cumsum([0] + [len(c[2]) for c in corners])
+    piece_ends = np.cumsum([0] + [c[2] for c in corners])
     taus_s = np.array(sorted({1.0 / rate for rate, _ in laws if rate > 0.0}))
+    none = np.zeros((0, 0))
     return Circuit(
         rows,
-        figures,
+        none,
         np.array([place[name] for terms in sums for name in terms], dtype=np.uint64),
-        np.array([gain for terms in sums for gain in terms.values()], dtype=float),
+        np.zeros(0),
         np.array(list(laws), dtype=float).reshape(-1, 2),
         taus_s,
         np.array(
             [(c[0], c[1], piece_ends[k], piece_ends[k + 1]) for k, c in enumerate(corners)],
             dtype=np.int64,
         ).reshape(-1, 4),
-        np.array([p for c in corners for p in c[2]], dtype=float).reshape(-1, 6),
+        none,
         np.array(ranges),
         np.flatnonzero(rows[:, TEAR]),
-        np.array([(e.initial, e.initial_output) for e in row]).reshape(-1, 2),
+        none,
         np.array([c[3] for c in corners], dtype=np.int64),
         np.array(noisy_rows, dtype=np.int64).reshape(-1, 2),
-        np.array([row[i].noise for i in noisy], dtype=float),
+        np.array([shapes[i][_NOISE] for i in noisy], dtype=float),
         np.array(noise_rates, dtype=float),
         _tails(taus_s, noise_rates),
-        _longest(row, place),
-        max((e.noise for e in row), default=0.0),
+        _longest(shapes, reads, place),
+        max((s[_NOISE] for s in shapes), default=0.0),
     )
+
+
+def _reads(s: Shape) -> tuple[str, ...]:
+    """Names of the signals that an element of this shape needs at the same instant."""
+    return (*s[_FIRST], *s[_SECOND], *(c for c in (s[_CONTROL], s[_RESET], s[_HOLD]) if c))
 
 
 def _tails(taus_s: Floats, noise_rates: Sequence[float]) -> Floats:
@@ -400,22 +384,26 @@ def _tails(taus_s: Floats, noise_rates: Sequence[float]) -> Floats:
     return TAIL_LAGS * taus_s[taus_s > LEAST_LAG / noise_rates[-1]][::-1]
 
 
-def _longest(row: Sequence[Element], place: Mapping[str, int]) -> float:
+def _longest(
+    shapes: Sequence[Shape], reads: Sequence[tuple[str, ...]], place: Mapping[str, int]
+) -> float:
     """Windows that show loud noise where it reaches what is not linear."""
-    edges = {(place[r], i) for i, e in enumerate(row) for r in e.reads()}
+    edges = {(place[r], i) for i, names in enumerate(reads) for r in names}
 
     def distorted(i: int) -> bool:
-        reached = [row[k] for k in _reach(edges, {i}, 1)]
-        return any(e.kind not in LINEAR or e.limits or math.isfinite(e.saturation) for e in reached)
+        reached = [shapes[k] for k in reach(edges, {i}, 1)]
+        return any(s[_KIND] not in LINEAR or s[_CORNERS] for s in reached)
 
-    loud = [e.lag_s for i, e in enumerate(row) if e.loud and e.noise > 0.0 and distorted(i)]
+    loud = [
+        s[_LAG_S] for i, s in enumerate(shapes) if s[_LOUD] and s[_NOISE] > 0.0 and distorted(i)
+    ]
     return LOUD_LAGS * min(loud, default=math.inf)
 
 
-def _control(name: str, element: Element, inputs: Sequence[str], place: Mapping[str, int]) -> int:
-    if element.kind == INPUT:
+def _control(name: str, s: Shape, inputs: Sequence[str], place: Mapping[str, int]) -> int:
+    if s[_KIND] == INPUT:
         return inputs.index(name)
-    return -1 if element.control is None else place[element.control]
+    return -1 if s[_CONTROL] is None else place[s[_CONTROL]]
 
 
 def _integrator_limits(element: Element) -> tuple[float, float] | None:

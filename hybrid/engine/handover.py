@@ -1,4 +1,4 @@
-"""From one window to the next: the first guess, overloads noted, the end that becomes a start.
+"""From one window to the next: the first guess, the end that becomes a start.
 
 Stage 4.
 """
@@ -16,26 +16,17 @@ from hybrid.engine.sweep import (
     AGE,
     BEFORE,
     BEFORE_END,
-    BEYOND_S,
     DRIVE,
     DRIVE_END,
-    FIRST_S,
-    FIRST_VALUE,
     KNOWN,
     LENGTH,
     SUM_OF_ERRORS,
-    TIMES,
     WINDOWS,
     WORST,
-    WORST_S,
-    WORST_VALUE,
     X_END,
     State,
     X,
 )
-
-# A lag that settles at full scale may stand above it by rounding.
-FULL_SCALE = 1.0 + 1e-12
 
 
 @compiled
@@ -65,44 +56,6 @@ def guess(
     for k in range(torn.shape[0]):
         e = torn[k]
         combine(new, e, nodes, e, 0.0, weights, 0, start[e], nodes, e)
-
-
-@compiled
-def watch(state: State, grid: Nodes, t_s: float, length_s: float) -> None:
-    """Note every signal that is beyond full scale in the window that begins at t_s.
-
-    Between two points a signal is taken for a straight line, which tells when it crossed.
-    """
-    start, nodes, overload = state.start, state.nodes, state.overload
-    for e in range(nodes.shape[0]):
-        beyond = abs(start[e]) > FULL_SCALE
-        for j in range(len(grid.marks)):
-            beyond |= abs(nodes[e, j]) > FULL_SCALE
-        if beyond:
-            _note_overload(grid, start[e], nodes[e], overload[e], t_s, length_s)
-
-
-@compiled
-def _note_overload(
-    grid: Nodes, start: float, nodes: Floats, overload: Floats, t_s: float, length_s: float
-) -> None:
-    before = start
-    overload[TIMES] += 1.0
-    for j in range(len(grid.marks)):
-        now, begins_s = nodes[j], t_s + length_s * grid.points[j]
-        lasts_s = length_s * (grid.points[j + 1] - grid.points[j])
-        high, low = max(abs(before), abs(now)), min(abs(before), abs(now))
-        if high > 1.0:
-            share = 1.0 if low > 1.0 else (high - 1.0) / (high - low)
-            rises = abs(now) > abs(before)
-            if overload[BEYOND_S] == 0.0:
-                overload[FIRST_S] = begins_s + (lasts_s * (1.0 - share) if rises else 0.0)
-                overload[FIRST_VALUE] = now if rises else before
-            overload[BEYOND_S] += share * lasts_s
-            if high > abs(overload[WORST_VALUE]):
-                overload[WORST_VALUE] = now if rises else before
-                overload[WORST_S] = begins_s + (lasts_s if rises else 0.0)
-        before = now
 
 
 @compiled

@@ -18,11 +18,11 @@ from hybrid.engine.kernel import Coupling, Deck, Pens, Plant, Score, State
 from hybrid.engine.lookup import pack
 from hybrid.engine.propagator import Propagator, propagator
 from hybrid.errors import PatchError
-from hybrid.machine import Floats, Machine, Pen
+from hybrid.machine import Floats, Holder, Machine, Pen, Sampler, StepEvent
 from hybrid.modes import CONTINUE
 from hybrid.scale import to_seconds
 from hybrid.streams import stream
-from hybrid.tape import FIRST_WIDE
+from hybrid.tape import FIRST_WIDE, Tape
 from hybrid.timeline import Segment, Timeline, most_intervals
 
 # Small enough to answer Ctrl-C at once and to keep the normal draws in the cache.
@@ -74,7 +74,7 @@ class Player:
         self.plant = self._analog_side(list(self._numbers))
         self.coupling, self.deck, self.pens = (
             _coupling(machine),
-            _deck(machine),
+            _deck(machine.tape),
             _pens(machine, pens),
         )
         self.state = self._first_state()
@@ -146,6 +146,10 @@ class Player:
     def held_s(self) -> float | None:
         """When an overload put the machine into HOLD; None where none did."""
         return None
+
+    def remarks(self) -> tuple[str, ...]:
+        """What else is to be said of the run."""
+        return ()
 
     @property
     def record(self) -> Floats:
@@ -404,23 +408,34 @@ def _places(machine: Machine) -> list[int]:
 
 
 def _coupling(machine: Machine) -> Coupling:
-    places = _places(machine)
-    adc = [(places[s.signal], i) for i, s in enumerate(machine.samplers)]
-    dac = [(h.word, h.input) for h in machine.holders]
+    places = tuple(_places(machine)) if machine.samplers else ()
+    return _coupled(places, machine.samplers, machine.holders, machine.steps)
+
+
+# The runs of a sweep or batch mostly share converters and program.
+@functools.lru_cache(maxsize=16)
+def _coupled(
+    places: tuple[int, ...],
+    samplers: tuple[Sampler, ...],
+    holders: tuple[Holder, ...],
+    steps: tuple[StepEvent, ...],
+) -> Coupling:
+    adc = [(places[s.signal], i) for i, s in enumerate(samplers)]
+    dac = [(h.word, h.input) for h in holders]
     return Coupling(
         np.array(adc, dtype=np.int64).reshape(-1, 2),
-        np.array(
-            [(s.to_si, s.range_mu, s.step_mu, float(s.clips)) for s in machine.samplers]
-        ).reshape(-1, 4),
+        np.array([(s.to_si, s.range_mu, s.step_mu, float(s.clips)) for s in samplers]).reshape(
+            -1, 4
+        ),
         np.array(dac, dtype=np.int64).reshape(-1, 2),
-        np.array([(h.to_mu, h.step_mu, float(h.clips)) for h in machine.holders]).reshape(-1, 3),
-        np.array([s.input for s in machine.steps], dtype=np.int64),
-        np.array([s.value for s in machine.steps], dtype=np.float64),
+        np.array([(h.to_mu, h.step_mu, float(h.clips)) for h in holders]).reshape(-1, 3),
+        np.array([s.input for s in steps], dtype=np.int64),
+        np.array([s.value for s in steps], dtype=np.float64),
     )
 
 
-def _deck(machine: Machine) -> Deck:
-    tape = machine.tape
+@functools.lru_cache(maxsize=16)
+def _deck(tape: Tape) -> Deck:
     tables = pack([site.table for site in tape.sites])
     owner = np.array(tape.owner, dtype=np.int32)
     return Deck(
@@ -475,6 +490,8 @@ def _state(machine: Machine, plant: Plant) -> State:
 
 def _draws(cues: np.ndarray, draws: np.ndarray) -> np.ndarray:
     """Cumulative draws before each cue of a repeat; the last entry is the whole repeat."""
+    if not draws.any():
+        return np.zeros(len(cues) + 1, dtype=np.int64)
     per_cue = np.zeros(len(cues), dtype=np.int64)
     advances = cues[:, 0] == kernel.ADVANCE
     per_cue[advances] = draws[cues[advances, 1]]

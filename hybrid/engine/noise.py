@@ -31,10 +31,11 @@ from hybrid.engine.circuit import (
 )
 from hybrid.engine.compiling import compiled
 from hybrid.engine.corners import Log, moves, new_log, settle
-from hybrid.engine.handover import accept, guess, watch
+from hybrid.engine.handover import accept, guess
 from hybrid.engine.kernel import Floats, Ints
 from hybrid.engine.lanes import LANES
 from hybrid.engine.nodes import Nodes, Shelf, free_slot, new_shelf
+from hybrid.engine.overloads import watch
 from hybrid.engine.projection import Projection, noise_spread, projected_law, projection
 from hybrid.engine.sweep import (
     AS,

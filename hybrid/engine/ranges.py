@@ -64,7 +64,9 @@ class Outside:
 def outside(player: Player) -> tuple[Outside, ...]:
     """Every place that has asked so far, by first time, then by its place in the program."""
     notes = player.state.outside
-    found = []
+    found: list[Outside] = []
+    if not player.machine.tape.sites:
+        return ()
     for row in np.flatnonzero(notes[:-1, TIMES]).tolist():
         note = notes[row]
         found.append(

@@ -14,6 +14,7 @@ from hybrid.engine import kernel
 from hybrid.engine.kernel import Floats, Score, State
 from hybrid.engine.linear import Overload, Player
 from hybrid.engine.reference import Chatters, Method, NotResolved, Reference, RunsAway
+from hybrid.engine.remarks import refuse_undefined
 from hybrid.engine.windows import CircuitPlayer
 from hybrid.scale import to_seconds
 
@@ -78,7 +79,9 @@ class ReferencePlayer(CircuitPlayer):
         held = self.machine.analog.u0[self.side.held]
         with np.errstate(all="ignore"):
             self.reference = Reference(circuit, held, TOLERANCE, TOLERANCE / 100, method)
-            first = self.reference.signals()[self.side.place]
+            settled = self.reference.signals()
+        refuse_undefined(self.machine, circuit, self.names, settled)
+        first = settled[self.side.place]
         self.beyond = _Beyond(0.0, first)
         self.reference.look = lambda t_s, signals: self.beyond(t_s, signals[self.side.place])
         state.v[:count] = first

@@ -20,13 +20,14 @@ from typing import NamedTuple
 
 import numpy as np
 
-from hybrid.engine.circuit import FIRST_PIECE, HIGH, LOW, Circuit
+from hybrid.engine.circuit import FIRST_PIECE, HIGH, LAG, LOW, OWNER, Circuit
 from hybrid.engine.compiling import compiled
 from hybrid.engine.corners import Log, change_piece, first_exit, leaves, locate, settle
-from hybrid.engine.handover import FULL_SCALE, accept, guess, watch
+from hybrid.engine.handover import accept, guess
 from hybrid.engine.kernel import RUNAWAY_MU, Floats, Ints
 from hybrid.engine.nodes import Nodes, Shelf, point_weights
 from hybrid.engine.noise import Noise, bring_up, finest, jump, play_truth, show
+from hybrid.engine.overloads import FULL_SCALE, watch
 from hybrid.engine.sweep import (
     AFTER_EVENT,
     AFTER_INPUT,
@@ -35,15 +36,20 @@ from hybrid.engine.sweep import (
     EVENTS,
     FIRST_S,
     FIRST_VALUE,
+    FROM_S,
     FROZEN,
+    IN_A_ROW,
     JUMPED,
     KNOWN,
+    LAST_S,
     LENGTH,
+    MOST,
     NEXT,
     ON_OVERLOAD,
     OVERLOAD_S,
     REJECTED,
     ROWS,
+    SINCE_S,
     STARTED,
     TIMES,
     WAIT,
@@ -76,6 +82,8 @@ PATIENCE = 30
 # So many events of one corner within so many of the shortest lag are chatter.
 CHATTER_EVENTS = 64
 CHATTER_LAGS = 4.0
+# Changes that follow each other within so many lags of the part are as fast as loops of lags swing.
+QUICK_LAGS = 16.0
 CHATTER_S = 1e-12
 
 
@@ -177,6 +185,7 @@ def advance(
             change_piece(circuit, state, corner, by, now, log)
             settle(circuit, state, state, t_s, now, log, False, 0.0)
             _begin_short(clock, counts, AFTER_EVENT)
+            _count_change(circuit, state.changes, corner, t_s + now)
             if _chatters(circuit, recent, corner, now):
                 return CHATTER, now
         if _lost(state) == RUNAWAY:
@@ -448,6 +457,22 @@ def _chatters(circuit: Circuit, recent: Floats, corner: int, now_s: float) -> bo
         recent[corner, 0], recent[corner, 1] = now_s, 0.0
     recent[corner, 1] += 1.0
     return bool(recent[corner, 1] > CHATTER_EVENTS)
+
+
+@compiled
+def _count_change(circuit: Circuit, changes: Floats, corner: int, at_s: float) -> None:
+    """Count changes of piece as fast as the lags allow; they are the patch's doing, so all goes on."""
+    lag = circuit.rows[circuit.corners[corner, OWNER], LAG]
+    if lag < 0:
+        return
+    if not at_s - changes[corner, LAST_S] <= QUICK_LAGS / circuit.laws[lag, 0]:
+        changes[corner, IN_A_ROW], changes[corner, SINCE_S] = 0.0, at_s
+    changes[corner, LAST_S] = at_s
+    changes[corner, IN_A_ROW] += 1.0
+    if changes[corner, IN_A_ROW] > CHATTER_EVENTS:
+        if changes[corner, MOST] == 0.0:
+            changes[corner, FROM_S] = changes[corner, SINCE_S]
+        changes[corner, MOST] = max(changes[corner, MOST], changes[corner, IN_A_ROW])
 
 
 @compiled

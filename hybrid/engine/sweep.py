@@ -86,6 +86,7 @@ class State(NamedTuple):
     clock: Floats  # see the constants below
     counts: Ints  # see the constants below
     watched: Ints  # (n,): 1 where an overload may stop the run or hold the machine
+    changes: Floats  # (corners, 5): see the columns below
 
 
 # Columns of State.memory, each at the start of the window and at its end: the state of an integrator,
@@ -95,6 +96,9 @@ X, X_END, DRIVE, DRIVE_END, BEFORE, BEFORE_END, AS = range(7)
 # Columns of State.overload, of a signal beyond full scale: when first and its value then, the worst
 # value and when, how long altogether, in how many windows.
 FIRST_S, FIRST_VALUE, WORST_VALUE, WORST_S, BEYOND_S, TIMES = range(6)
+# Columns of State.changes, of changes of piece: when the last one was; how many have followed each other
+# within a few lags, since when; of those that were too many: from when on, how many at most.
+LAST_S, IN_A_ROW, SINCE_S, FROM_S, MOST = range(5)
 # Indices into State.clock: time since the last jump, length of windows where no layer lasts, length of
 # the last window; largest error estimate of a window, and their sum for the ends of the windows; when
 # an overload stopped the run or held the machine; length that the last window suggests for the next,
@@ -122,7 +126,7 @@ def new_state(circuit: Circuit, q: int = 8) -> State:
     return State(
         np.zeros(inputs),
         np.full(inputs, np.nan),
-        np.nan_to_num(circuit.initial[:, 1]),
+        np.where(np.isnan(circuit.initial[:, 1]), 0.0, circuit.initial[:, 1]),
         np.zeros((n, p)),
         np.zeros(n),
         np.zeros((n, p)),
@@ -138,6 +142,7 @@ def new_state(circuit: Circuit, q: int = 8) -> State:
         np.array([0.0, math.inf, 0.0, 0.0, 0.0, math.nan, first_s, first_s, first_s]),
         np.zeros(11, dtype=np.int64),
         np.zeros(n, dtype=np.int64),
+        np.tile((-math.inf, 0.0, 0.0, math.nan, 0.0), (m, 1)),
     )
 
 

@@ -7,6 +7,8 @@ that the circuit saw, also between instants.
 
 from __future__ import annotations
 
+import threading
+from collections import OrderedDict
 from typing import NamedTuple
 
 import numpy as np
@@ -29,6 +31,7 @@ from hybrid.engine.relaxation import (
     no_pen,
 )
 from hybrid.engine.relaxation import Pen as WindowPen
+from hybrid.engine.remarks import chattering, refuse_undefined
 from hybrid.engine.sweep import DRIVE, FROZEN, ON_OVERLOAD, OVERLOAD_S, WINDOWS, new_state
 from hybrid.engine.sweep import State as CircuitState
 from hybrid.machine import Machine
@@ -42,6 +45,8 @@ RESOLUTION = 1e-8
 CHUNK_ADVANCES = 2000
 # Windows after which no further instant is begun: some tenths of a second where something switches fast.
 CHUNK_WINDOWS = 10_000
+# Sets of laws whose operators are kept, in each thread.
+MOST_SHELVES = 8
 # To let loops settle before a run.
 MOST_PASSES = 1000
 
@@ -179,10 +184,40 @@ def play_circuit(
     return kernel.PAUSED
 
 
+@compiled
+def begin(side: Side, noise: Noise | None, plant: Plant, state: State, held: Floats) -> None:
+    """Let loops come to rest with these figures at the inputs, and every signal follow, at t = 0."""
+    settle_loops(side, held)
+    follow(side, noise, plant, state, 0.0, 0.0)
+
+
+@compiled
+def settle_loops(side: Side, held: Floats) -> None:
+    """Let loops of lagged parts come to rest before the run, with these figures at the inputs.
+
+    Each pass lets every output that follows at once or settles follow its inputs; in a loop of gain
+    below 1 the passes converge. Where they do not, the run begins from a single pass, as a circuit does.
+    """
+    state = side.state
+    state.held[:] = held
+    start, memory, piece = state.start.copy(), state.memory.copy(), state.piece.copy()
+    for _ in range(MOST_PASSES):
+        before = state.start.copy()
+        settle(side.circuit, state, state, 0.0, 0.0, side.log, True, 0.0)
+        rests = True
+        for e in range(before.shape[0]):  # never, where a quotient has no figure
+            size = max(1.0, abs(before[e]))
+            rests = rests and abs(state.start[e] - before[e]) <= 1e-15 * size
+        if rests:
+            return
+    state.start[:], state.memory[:, :], state.piece[:] = start, memory, piece
+
+
 class CircuitPlayer(Player):
     """One run of a machine whose analog side is a circuit."""
 
     side: Side
+    names: tuple[str, ...]  # of the circuit's elements
     noise: Noise | None
     intervals_s: Floats  # of all intervals between instants met so far
 
@@ -210,7 +245,7 @@ class CircuitPlayer(Player):
 
     def _analog_side(self, intervals: list[int]) -> Plant:
         """A plant without propagators; the circuit is `side`."""
-        self.side = _side(self.machine)
+        self.side, self.names = _side(self.machine)
         circuit = self.side.circuit
         self.noise = new_noise(circuit, self._normals, NODES) if len(circuit.noisy) else None
         self.intervals_s = np.array([to_seconds(t) for t in intervals])
@@ -229,8 +264,8 @@ class CircuitPlayer(Player):
         count = len(self.machine.analog.signals) + 1
         v = np.concatenate([np.zeros(count), state.v])
         state = state._replace(v=v, next_v=np.zeros(count))
-        settle_loops(self.side, state.v[count + self.side.held])
-        follow(self.side, self.noise, self.plant, state, 0.0, 0.0)
+        begin(self.side, self.noise, self.plant, state, state.v[count + self.side.held])
+        refuse_undefined(self.machine, self.side.circuit, self.names, self.side.state.start)
         return state
 
     @property
@@ -244,6 +279,10 @@ class CircuitPlayer(Player):
         """Until when it has been played, also where it stopped between two instants."""
         stopped_s = float(self.side.stopped_s[0])
         return super().done_s if np.isnan(stopped_s) else stopped_s
+
+    def remarks(self) -> tuple[str, ...]:
+        """Parts that chatter."""
+        return chattering(self.side.circuit, self.names, self.side.state.changes)
 
     def overloads(self) -> tuple[Overload, ...]:
         """Converters as the kernel saw them; analog signals as they went between the instants, too."""
@@ -278,7 +317,7 @@ class CircuitPlayer(Player):
 
 def settled(machine: Machine) -> tuple[list[float], dict[str, float]]:
     """Every signal at t = 0, in order, and what each integrator integrates then; machine units."""
-    side = _side(machine)
+    side, names = _side(machine)
     settle_loops(side, machine.analog.u0[side.held])
     advance(
         side.circuit,
@@ -292,30 +331,14 @@ def settled(machine: Machine) -> tuple[list[float], dict[str, float]]:
         side.no_pen,
         None,  # at t = 0 there is none yet
     )
+    refuse_undefined(machine, side.circuit, names, side.state.start)
     values = side.state.start[side.place].tolist()
     drives = zip(machine.analog.signals, side.state.memory[side.place, DRIVE].tolist(), strict=True)
     return values, dict(drives)
 
 
-def settle_loops(side: Side, held: Floats) -> None:
-    """Let loops of lagged parts come to rest before the run, with these figures at the inputs.
-
-    Each pass lets every output that follows at once or settles follow its inputs; in a loop of gain
-    below 1 the passes converge. Where they do not, the run begins from a single pass, as a circuit does.
-    """
-    state = side.state
-    state.held[:] = held
-    start, memory, piece = state.start.copy(), state.memory.copy(), state.piece.copy()
-    for _ in range(MOST_PASSES):
-        before = state.start.copy()
-        settle(side.circuit, state, state, 0.0, 0.0, side.log, True, 0.0)
-        with np.errstate(invalid="ignore"):  # of a quotient by 0, at which the run will stop
-            if np.all(np.abs(state.start - before) <= 1e-15 * np.maximum(1.0, np.abs(before))):
-                return
-    state.start[:], state.memory[:], state.piece[:] = start, memory, piece
-
-
-def _side(machine: Machine) -> Side:
+def _side(machine: Machine) -> tuple[Side, tuple[str, ...]]:
+    """The analog side of a run that has not started, and the names of its elements."""
     builder = Builder()
     inputs = machine.analog.inputs
     held = []
@@ -328,10 +351,10 @@ def _side(machine: Machine) -> Side:
     grid, state = nodes(NODES), new_state(circuit, NODES)
     state.watched[[number[s] for s in machine.analog.signals]] = 1
     state.counts[ON_OVERLOAD] = machine.on_overload
-    return Side(
+    side = Side(
         circuit,
         state,
-        new_shelf(len(circuit.laws)),
+        shelf_for(circuit.laws),
         grid,
         new_log(),
         no_pen(),
@@ -340,3 +363,24 @@ def _side(machine: Machine) -> Side:
         np.array([number.get(MODE_ELEMENT, -1)], dtype=np.int64),
         np.full(1, np.nan),
     )
+    return side, tuple(number)
+
+
+class _Shelves(threading.local):
+    """Operators that the runs of a thread share: they depend on lags and window lengths alone."""
+
+    def __init__(self) -> None:
+        self.kept: OrderedDict[bytes, Shelf] = OrderedDict()
+
+
+_shelves = _Shelves()
+
+
+def shelf_for(laws: Floats) -> Shelf:
+    """A shelf for these laws, with what earlier runs of this thread have put there."""
+    kept, key = _shelves.kept, laws.tobytes()
+    if key not in kept:
+        kept[key] = new_shelf(len(laws))
+        if len(kept) > MOST_SHELVES:
+            kept.popitem(last=False)
+    return kept[key]

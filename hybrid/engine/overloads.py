@@ -1,0 +1,136 @@
+"""Signals beyond full scale in a window: since when, how far and how long.
+
+Stage 4. Everything is read from the signal's polynomial, so that it is as exact as the window.
+"""
+
+from __future__ import annotations
+
+from hybrid.engine.compiling import compiled
+from hybrid.engine.kernel import Floats
+from hybrid.engine.nodes import Nodes
+from hybrid.engine.sweep import (
+    BEYOND_S,
+    FIRST_S,
+    FIRST_VALUE,
+    TIMES,
+    WORST_S,
+    WORST_VALUE,
+    State,
+)
+
+# A lag that settles at full scale may stand above it by rounding.
+FULL_SCALE = 1.0 + 1e-12
+# A resolved signal that is nowhere beyond this at the points stays below full scale between them: for a
+# sine to rise by a tenth from a point to its peak, the window would be 4 rad long, where 8 nodes leave
+# 1e-4 of it.
+NEAR = 0.9
+HALVINGS = 60
+
+
+@compiled
+def watch(state: State, grid: Nodes, t_s: float, length_s: float) -> None:
+    """Note every signal that is beyond full scale in the window that begins at t_s."""
+    start, nodes, overload = state.start, state.nodes, state.overload
+    for e in range(nodes.shape[0]):
+        near = abs(start[e]) > NEAR
+        for j in range(len(grid.marks)):
+            near |= abs(nodes[e, j]) > NEAR
+        if near:
+            _note(grid, start[e], nodes[e], overload[e], t_s, length_s)
+
+
+@compiled
+def _note(
+    grid: Nodes, start: float, nodes: Floats, overload: Floats, t_s: float, length_s: float
+) -> None:
+    """Look at the signal between each two points, parted where it turns."""
+    q, found = len(grid.marks), False
+    before_at, before, slope_before = 0.0, start, _slope(grid, start, nodes, 0)
+    for k in range(q):
+        end_at, end, slope_end = grid.points[k + 1], nodes[k], _slope(grid, start, nodes, k + 1)
+        if slope_before * slope_end < 0.0:
+            turn_at = _where(grid, start, nodes, 1, 0.0, before_at, end_at)
+            turn = _read(grid, start, nodes, 0, turn_at)
+            ways = ((before_at, before, turn_at, turn), (turn_at, turn, end_at, end))
+        else:
+            ways = ((before_at, before, end_at, end), (end_at, end, end_at, end))
+        for way in ways:
+            for sign in (1.0, -1.0):
+                if max(sign * way[1], sign * way[3]) > FULL_SCALE:
+                    first = overload[TIMES] == 0.0 and not found
+                    _add(grid, start, nodes, overload, way, sign, first, t_s, length_s)
+                    found = True
+        before_at, before, slope_before = end_at, end, slope_end
+    if found:
+        overload[TIMES] += 1.0
+
+
+@compiled
+def _add(
+    grid: Nodes,
+    start: float,
+    nodes: Floats,
+    overload: Floats,
+    way: tuple[float, float, float, float],
+    sign: float,
+    first: bool,
+    t_s: float,
+    length_s: float,
+) -> None:
+    """Add a stretch on which the signal rises or falls: (fraction, value) at either end."""
+    begins_at, begins, ends_at, ends = way
+    if not sign * begins > FULL_SCALE:
+        begins_at = _where(grid, start, nodes, 0, sign * FULL_SCALE, begins_at, ends_at)
+        begins = sign
+    if not sign * ends > FULL_SCALE:
+        ends_at = _where(grid, start, nodes, 0, sign * FULL_SCALE, begins_at, ends_at)
+    if first:
+        overload[FIRST_S], overload[FIRST_VALUE] = t_s + length_s * begins_at, begins
+    overload[BEYOND_S] += length_s * (ends_at - begins_at)
+    if sign * begins > abs(overload[WORST_VALUE]):
+        overload[WORST_VALUE], overload[WORST_S] = begins, t_s + length_s * begins_at
+    if sign * ends > abs(overload[WORST_VALUE]):
+        overload[WORST_VALUE], overload[WORST_S] = ends, t_s + length_s * ends_at
+
+
+@compiled
+def _slope(grid: Nodes, start: float, nodes: Floats, point: int) -> float:
+    """The signal's slope at one of the points, per window."""
+    slope = grid.slopes[1, point, 0] * start
+    for j in range(len(grid.marks)):
+        slope += grid.slopes[1, point, j + 1] * nodes[j]
+    return float(slope)
+
+
+@compiled
+def _where(
+    grid: Nodes, start: float, nodes: Floats, order: int, figure: float, low: float, high: float
+) -> float:
+    """Where the signal (order 0) or its slope (1) passes a figure, by bisection.
+
+    At the fractions `low` and `high` of the window it is on different sides.
+    """
+    below = _read(grid, start, nodes, order, low) < figure
+    for _ in range(HALVINGS):
+        middle = 0.5 * (low + high)
+        if (_read(grid, start, nodes, order, middle) < figure) == below:
+            low = middle
+        else:
+            high = middle
+    return 0.5 * (low + high)
+
+
+@compiled
+def _read(grid: Nodes, start: float, nodes: Floats, order: int, at: float) -> float:
+    """The signal (order 0) or its slope (1) at a fraction of the window, by its Legendre series."""
+    q, x = len(grid.marks), 2.0 * at - 1.0
+    total, before, now, slope_before, slope = 0.0, 0.0, 1.0, 0.0, 0.0
+    for n in range(q + 1):
+        coefficient = grid.series[n, 0] * start
+        for j in range(q):
+            coefficient += grid.series[n, j + 1] * nodes[j]
+        total += coefficient * (2.0 * slope if order == 1 else now)
+        # P'_(n+1) = P'_(n-1) + (2 n + 1) P_n
+        slope_before, slope = slope, slope_before + (2 * n + 1) * now
+        before, now = now, ((2 * n + 1) * x * now - n * before) / (n + 1)
+    return total

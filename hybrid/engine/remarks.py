@@ -1,0 +1,86 @@
+"""What is wrong with a circuit that its signals alone do not tell: parts that chatter, or have no value.
+
+Stage 4.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from hybrid.elements import QUOTIENT
+from hybrid.engine.circuit import (
+    AT,
+    C0,
+    C1,
+    C2,
+    END,
+    END_PIECE,
+    FIRST,
+    FIRST_PIECE,
+    HIGH,
+    KIND,
+    OWNER,
+    Circuit,
+)
+from hybrid.engine.kernel import Floats
+from hybrid.engine.sweep import FROM_S, MOST
+from hybrid.errors import PatchError
+from hybrid.machine import Machine
+
+# Neighbouring pieces that differ by more where one passes into the other make a jump.
+JUMP_MU = 1e-9
+
+
+def chattering(circuit: Circuit, names: Sequence[str], changes: Floats) -> tuple[str, ...]:
+    """Each part that jumped to and fro as fast as its lag lets it, in words; `changes`: of a State."""
+    found = []
+    for corner in np.flatnonzero(changes[:, MOST]).tolist():
+        if not _jumps(circuit, corner):
+            continue
+        name, _, _ = names[circuit.corners[corner, OWNER]].partition(":")
+        found.append(
+            f"{name} chatters from {changes[corner, FROM_S]:.6g} s on, {changes[corner, MOST]:.0f} "
+            "changes as fast as the lags allow: give it hysteresis"
+        )
+    return tuple(found)
+
+
+def _jumps(circuit: Circuit, corner: int) -> bool:
+    """Whether neighbouring pieces of a corner differ where the first is left."""
+    first, end = circuit.corners[corner, FIRST_PIECE], circuit.corners[corner, END_PIECE]
+    for p in range(first, end - 1):
+        at = circuit.pieces[p, HIGH]
+        x = at - circuit.pieces[p : p + 2, AT]
+        values = circuit.pieces[p : p + 2, C0] + x * (
+            circuit.pieces[p : p + 2, C1] + x * circuit.pieces[p : p + 2, C2]
+        )
+        if abs(values[1] - values[0]) > JUMP_MU:
+            return True
+    return False
+
+
+def refuse_undefined(
+    machine: Machine, circuit: Circuit, names: Sequence[str], start: Floats
+) -> None:
+    """Raise PatchError where a part has no finite value at t = 0; `start`: of a State."""
+    without = np.flatnonzero(~np.isfinite(start)).tolist()
+    if not without:
+        return
+
+    def first_of_all(e: int) -> bool:
+        read = circuit.signal[circuit.rows[e, FIRST] : circuit.rows[e, END]].astype(np.int64)
+        return bool(np.all(np.isfinite(start[read])))
+
+    divides = [e for e in without if circuit.rows[e, KIND] == QUOTIENT]
+    cause = next((e for e in without if first_of_all(e)), (divides or without)[0])
+    name, _, _ = names[cause].partition(":")
+    why = "its divisor is 0 there" if cause in divides else "its inputs are too large for it"
+    raise PatchError(
+        f"component {name!r} has no finite value at t = 0: {why}; change what it reads at the start",
+        next(
+            (p.place for p in machine.patch.analog_parts if p.name == name),
+            machine.patch.run.until.place,
+        ),
+    )
