@@ -10,7 +10,7 @@
                 every ms: smooth (mu = 0.2), of which the figure is; beside it mild (corners of two
                 function generators, eight a period) and strong (mu = 2, corners of six)
   batch_efficiency
-                a batch of 1,000 runs: wall time with one worker over twice that with two
+                a batch of 1,000 runs: wall time of one run at a time over twice that of two
 
 Every figure stands beside the error it was reached with: the largest difference from a tight reference
 at the end of a run, of full scale. Times of Hybrid are whole calls: patch compiled, run played, rows
@@ -226,13 +226,13 @@ def sixty_row(what: str, text: str, dac: bool, options: Options) -> dict[str, An
 
 
 def batch_row(options: Options) -> dict[str, Any]:
-    """1,000 runs with one worker and with two; both must give the same figures."""
+    """1,000 runs, one at a time and two; both must give the same figures."""
     patch = hybrid.parse_patch(VAN_DER_POL)
     count = 20 if options.quick else 1000
     starts = np.linspace(0.1, 2.0, count).tolist()
     taken, ends = {}, {}
     for jobs in (1, 2):
-        hybrid.batch(patch, {"start": starts[:4]}, jobs=jobs)  # workers started, kernels loaded
+        hybrid.batch(patch, {"start": starts[:4]}, jobs=jobs)  # kernels loaded
         began = time.perf_counter()
         ends[jobs] = hybrid.batch(patch, {"start": starts}, jobs=jobs)
         taken[jobs] = time.perf_counter() - began
@@ -303,8 +303,8 @@ def sixty_table(rows: list[dict[str, Any]]) -> Table:
 def batch_table(rows: list[dict[str, Any]]) -> Table:
     columns = {
         "case": ("case", ""),
-        "1 worker, s": ("one_s", ".2f"),
-        "2 workers, s": ("two_s", ".2f"),
+        "one at a time, s": ("one_s", ".2f"),
+        "two, s": ("two_s", ".2f"),
         "efficiency": ("efficiency", ".2f"),
         "goal": ("goal", "g"),
         "": ("agrees", ""),

@@ -194,7 +194,7 @@ def batch(
     Args: patch: a patch, or the file or shipped name of one; parameters: each one value for all runs
     (an SI number or a text with a unit) or one value for each; serial: which machine of the make, or
     one for each run; seed: of each run, or one that gives every run noise of its own; runs: how many,
-    where nothing else says so; machine: preset name; jobs: worker processes (default: all cores);
+    where nothing else says so; machine: preset name; jobs: runs at a time (default: one a core);
     progress: called with the fraction done. Lists must be of one length. A run that cannot be made or
     measured is kept with its reason. Raises PatchError or RunError where the first run could not be
     made at all, and for lists that do not fit.

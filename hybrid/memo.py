@@ -5,6 +5,7 @@ Stage 0.
 
 from __future__ import annotations
 
+import threading
 from collections import OrderedDict
 from collections.abc import Callable, Mapping
 from typing import Any, Generic, TypeVar
@@ -37,6 +38,7 @@ class KeptByUse(Generic[Result]):
 
     def __init__(self, build: Callable[..., Result]) -> None:
         self.build = build
+        self.lock = threading.Lock()  # runs of a batch may be prepared in threads
         self.kept: OrderedDict[tuple[Any, ...], tuple[dict[str, float], Result]] = OrderedDict()
 
     def __call__(self, scope: Mapping[str, float], *others: Any) -> Result:
@@ -46,8 +48,9 @@ class KeptByUse(Generic[Result]):
             return found[1]
         watched = _Watched(scope)
         result = self.build(watched, *others)
-        self.kept[others] = watched.used, result
-        self.kept.move_to_end(others)
-        if len(self.kept) > MOST_KEPT:
-            self.kept.popitem(last=False)
+        with self.lock:
+            self.kept[others] = watched.used, result
+            self.kept.move_to_end(others)
+            if len(self.kept) > MOST_KEPT:
+                self.kept.popitem(last=False)
         return result

@@ -160,7 +160,10 @@ def _sweep(made: argparse.ArgumentParser) -> None:
 def _many(made: argparse.ArgumentParser) -> None:
     """Options of the verbs that make many runs."""
     made.add_argument(
-        "--jobs", type=_whole, metavar="N", help="worker processes (default: all cores)"
+        "--jobs",
+        type=_whole,
+        metavar="N",
+        help="runs at a time (default: as many as there are cores)",
     )
     made.add_argument("--out", metavar="FILE", help="NetCDF file; the chart goes beside it")
     made.add_argument("--no-chart", action="store_true", help="write the data only")

@@ -9,8 +9,11 @@ from __future__ import annotations
 import functools
 import json
 import math
+import os
 import pickle
-from collections.abc import Callable, Collection, Iterable, Iterator, Sequence
+import time
+from collections.abc import Callable, Collection, Generator, Iterable, Sequence
+from contextlib import closing
 from dataclasses import dataclass
 from typing import Any
 
@@ -18,8 +21,20 @@ import numpy as np
 
 from hybrid.arguments import whole_number
 from hybrid.compiler import compile_patch
+from hybrid.crew import (
+    FORKS,
+    HANDFUL_S,
+    HERE,
+    PROCESSES,
+    THREADS,
+    Pace,
+    can_fork,
+    has_cluster,
+    in_forks,
+    in_processes,
+    in_threads,
+)
 from hybrid.errors import HybridError, RunError
-from hybrid.interrupts import deaf_children
 from hybrid.machine import Machine
 from hybrid.patch import Patch, Readout
 from hybrid.prediction import predict_machine
@@ -27,12 +42,10 @@ from hybrid.record import patch_hash, signal_units, versions_text
 from hybrid.runs import run
 
 MOST_POINTS = 1_000_000
-# Points handed to a worker at once: enough to hide the hand-over, few enough to share evenly.
-POINTS_PER_BATCH = 20
-# Cycles (or rows) that are handed over at most: a second's work or so.
-STEPS_PER_BATCH = 2_000_000
-# Below this many points starting workers takes longer than the work; nonlinear ones take longer.
-FEWEST_FOR_WORKERS, FEWEST_NONLINEAR = 40, 8
+# Runs that are played first, to see how long they take: the first one loads the engine.
+PACED = 2
+# Points handed to a worker of a cluster at once.
+POINTS_AT_ONCE = 20
 MOST_JOBS = 1000
 
 MEASURED = ("omega", "omega_damped", "zeta", "omega_error", "omega_damped_error", "zeta_error")
@@ -84,25 +97,28 @@ class Task:
     machine: str | None
     predicts: bool
 
-    def points(self, orders: Sequence[Order]) -> list[Point]:
-        """The runs, one after the other."""
-        return [self.point(order) for order in orders]
+    def point(self, order: Order, progress: Callable[[float], None] | None = None) -> Point:
+        """Run, read out and predict; `progress` may raise KeyboardInterrupt."""
+        return self.played(order, progress)[0]
 
-    def point(self, order: Order) -> Point:
-        """Run, read out and predict."""
+    def played(
+        self, order: Order, progress: Callable[[float], None] | None = None
+    ) -> tuple[Point, float]:
+        """The same, and for how many seconds the engine played."""
         try:
             compiled = compile_patch(self.patch, order.parameters, self.machine, order.serial)
             modes, note = self._modes(compiled)
-            result = run(compiled, seed=order.seed, readouts_only=True)
+            result = run(compiled, seed=order.seed, readouts_only=True, progress=progress)
             if result.status == "interrupted":  # half a run says nothing; all ends here
                 raise KeyboardInterrupt
         except HybridError as error:
-            return Point(order.index, {}, (), "failed", str(error), 0, order.seed)
+            return Point(order.index, {}, (), "failed", str(error), 0, order.seed), 0.0
         notes = "; ".join(n for n in (note, result.status_note) if n)
         overloads = len(result.overloads)
-        return Point(
+        point = Point(
             order.index, result.readouts, modes, result.status, notes, overloads, order.seed
         )
+        return point, result.played_s
 
     def _modes(self, compiled: Machine) -> tuple[tuple[dict[str, Any], ...], str]:
         if not self.predicts:
@@ -128,7 +144,7 @@ def check_names(patch: Patch, names: Iterable[str], taken: Collection[str], doin
 
 
 def check_jobs(jobs: int | None) -> None:
-    """Raise RunError for a number of worker processes that is none."""
+    """Raise RunError for a number of runs at a time that is none."""
     if jobs is not None:
         whole_number("jobs", jobs, 1, MOST_JOBS)
 
@@ -142,59 +158,57 @@ def play_all(
 ) -> tuple[tuple[Point, ...], str]:
     """Make all runs; the points by index, and 'complete' or 'interrupted'.
 
-    first: one of the machines, which tells how long a run is; jobs: worker processes (default: all
-    cores); progress: called with the fraction done.
+    first: one of the machines; jobs: runs at a time (default: as many as there are cores); progress:
+    called with the fraction done.
     """
     points: list[Point] = []
     status = "complete"
     try:
-        for done in _handfuls(task, orders, jobs, first):
-            points.extend(done)
-            if progress:
-                progress(len(points) / len(orders))
+        with closing(_playing(task, orders, first, jobs, points)) as playing:
+            for _ in playing:
+                if progress:
+                    progress(len(points) / len(orders))
     except KeyboardInterrupt:
         status = "interrupted"
     return tuple(sorted(points, key=lambda point: point.index)), status
 
 
-def _points_at_once(first: Machine, count: int) -> int:
-    """Few where a run takes long: an interrupt loses those that are under way."""
-    timing = first.timing
-    steps = timing.until // min(t for t in (timing.period, timing.every) if t)
-    most = max(1, STEPS_PER_BATCH // max(steps, 1))
-    # How long a nonlinear run takes is not known: hand over so few that workers end together.
-    even = max(1, count // 50) if first.elements else count
-    return min(POINTS_PER_BATCH, most, even)
-
-
-def _handfuls(
-    task: Task, orders: Sequence[Order], jobs: int | None, first: Machine
-) -> Iterator[list[Point]]:
-    """Some points at a time, from all cores or wherever joblib works (a Dask cluster too).
-
-    Costly runs (short cycles) are spread over the handfuls.
-    """
-    fewest = FEWEST_NONLINEAR if first.elements else FEWEST_FOR_WORKERS
-    if len(orders) < fewest or jobs == 1:
-        for order in orders:
-            yield task.points([order])
+def _playing(
+    task: Task, orders: Sequence[Order], first: Machine, jobs: int | None, points: list[Point]
+) -> Generator[None, None, None]:
+    """Play all orders the quickest way, the points being added to the list; yields now and then."""
+    most = jobs or os.cpu_count() or 1
+    timed = (
+        0 if has_cluster() and jobs != 1 else min(PACED if most > 1 else len(orders), len(orders))
+    )
+    pace = Pace(HANDFUL_S / POINTS_AT_ONCE, math.inf)  # where none is timed
+    for order in orders[:timed]:
+        began_s = time.perf_counter()
+        point, played_s = task.played(order)
+        points.append(point)
+        run_s = time.perf_counter() - began_s
+        pace = Pace(run_s, run_s - played_s)
+        yield
+    rest = orders[timed:]
+    way = pace.way(len(rest), most, can_fork()) if timed else PROCESSES
+    if way == HERE:
+        for order in rest:
+            points.append(task.point(order))
+            yield
         return
-    import joblib
-
-    count = -(-len(orders) // _points_at_once(first, len(orders)))
-    # A handful at a time: joblib would put more together, and one worker would end long after others.
-    parallel = joblib.Parallel(n_jobs=jobs or -1, return_as="generator_unordered", batch_size=1)
-    packed = pickle.dumps(task)
-    with deaf_children():
-        handfuls = parallel(
-            joblib.delayed(_points_of)(packed, orders[i::count]) for i in range(count)
-        )
-    yield from handfuls
+    at_once = pace.handful(len(rest), most)
+    if way == THREADS:
+        yield from in_threads(task.point, rest, most, points)
+    elif way == FORKS:
+        yield from in_forks(task.point, rest, most, at_once, points)
+    elif rest:
+        yield from in_processes(_points_of, pickle.dumps(task), rest, jobs, at_once, points)
 
 
 def _points_of(packed: bytes, orders: Sequence[Order]) -> list[Point]:
-    """The runs of a pickled task."""
-    return _unpacked(packed).points(orders)
+    """The runs of a pickled task, one after the other."""
+    task = _unpacked(packed)
+    return [task.point(order) for order in orders]
 
 
 # What a worker has learnt of a patch holds for its next handful.

@@ -224,8 +224,8 @@ def sweep(
     """Run and predict the patch for each of `values` of parameter `over`.
 
     Args: patch: a patch, or the file or shipped name of one; values: SI numbers, texts with units, or
-    one text 'START:STOP:COUNT[:log]'; parameters: the others, likewise; machine: preset name; jobs:
-    worker processes (default: all cores); progress: called with the fraction done. A point that
+    one text 'START:STOP:COUNT[:log]'; parameters: the others, likewise; machine: preset name; jobs: runs
+    at a time (default: one a core); progress: called with the fraction done. A point that
     cannot be run or measured is kept with its reason. Raises PatchError or RunError where no point
     could ever work.
     """

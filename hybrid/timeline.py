@@ -9,15 +9,16 @@ from __future__ import annotations
 
 import bisect
 import collections
+import functools
 import itertools
 import math
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from typing import NoReturn
 
 from hybrid.clockwork import Cycles, Event, Happening, cycle_events, in_order
 from hybrid.errors import PatchError
-from hybrid.machine import Machine, StepEvent
+from hybrid.machine import Machine, StepEvent, Timing
 from hybrid.modes import TIMED_MODE
 from hybrid.processor import Note
 from hybrid.rota import Rota, TaskReport, reports, rota_until, settled
@@ -102,7 +103,31 @@ def build_timeline(machine: Machine, seed: int = 0) -> Timeline:
         until, timing = machine.timing.until, machine.timing
         cycles, rows = until // timing.period, until // timing.every + 1
         return Timeline((), until, cycles, rows, later=Stretches(machine, seed))
-    machine, stopped = _until_stopped(machine)
+    return _laid_out(_clocks(machine))
+
+
+@dataclass(frozen=True, slots=True)
+class _Clocks:
+    """All of a machine that its timeline depends on."""
+
+    timing: Timing
+    steps: tuple[StepEvent, ...]
+    samplers: tuple[tuple[int, int, int], ...]  # delay and conversion in ticks, task
+    holders: tuple[int, ...]  # task
+    most_intervals: int
+    machine: Machine = field(compare=False)
+
+
+def _clocks(machine: Machine) -> _Clocks:
+    samplers = tuple((s.delay_ticks, s.conversion_ticks, s.task) for s in machine.samplers)
+    holders, most = tuple(h.task for h in machine.holders), most_intervals(machine)
+    return _Clocks(machine.timing, machine.steps, samplers, holders, most, machine)
+
+
+# The runs of a batch mostly share their clocks; few are kept, as a timeline may hold many events.
+@functools.lru_cache(maxsize=2)
+def _laid_out(clocks: _Clocks) -> Timeline:
+    machine, stopped = _until_stopped(clocks.machine)
     timing = machine.timing
     (stretch, warm_up), edges = _repetition(machine), edges_of(machine.steps)
     together = math.lcm(stretch, *(period for _, period, _ in edges.waves))

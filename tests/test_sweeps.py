@@ -10,7 +10,6 @@ import pytest
 import xarray as xr
 
 import hybrid
-from hybrid.points import POINTS_PER_BATCH, _points_at_once
 from hybrid.storage import write_dataset
 
 PATCH = """
@@ -135,10 +134,3 @@ def test_a_parameter_named_like_a_variable() -> None:
     text = PATCH.replace("tall", "value_end")
     with pytest.raises(hybrid.RunError, match="rename the parameter"):
         hybrid.sweep(hybrid.parse_patch(text), "value_end", [1.0])
-
-
-def test_long_points_go_to_the_workers_one_by_one(patch) -> None:
-    def batch(cycle_s: float) -> int:
-        return _points_at_once(hybrid.predict(patch, {"cycle": cycle_s}).machine, 1000)
-
-    assert [batch(1e-2), batch(1e-6), batch(1e-9)] == [POINTS_PER_BATCH, 2, 1]

@@ -1,0 +1,221 @@
+"""Many runs at a time: in this process alone, in threads or copies of it, or in processes of their own.
+
+Stage 7, for `points`. Copies (forks, on Linux) share the machine code, the patch and all that is known
+of it, and are there at once; where other threads are about, as in a notebook, they would not be sound.
+Threads share as much, and the engines let go of Python's lock while they play; but whatever else belongs
+to a run is done by one thread at a time. Processes of their own take seconds to start. What is quickest
+depends on the runs, so two of them are timed first. The results do not depend on it.
+"""
+
+from __future__ import annotations
+
+import multiprocessing
+import signal
+import sys
+import threading
+import warnings
+from collections.abc import Callable, Generator, Sequence
+from contextlib import closing
+from dataclasses import dataclass
+from multiprocessing.connection import Connection, wait
+from multiprocessing.process import BaseProcess
+from typing import Any, TypeVar
+
+from hybrid.errors import RunError
+from hybrid.interrupts import deaf_children
+
+Order = TypeVar("Order")
+Result = TypeVar("Result")
+# Plays an order; calls what it is given now and then, which raises KeyboardInterrupt when all ends.
+Play = Callable[[Order, Callable[[float], None]], Result]
+
+# To start a process, import Hybrid and load compiled kernels: 1 s to 3 s on the machines we know.
+START_S = 2.0
+# To copy this one.
+FORK_S = 0.05
+# A thread that is given Python's lock finds what it needs in the other core's memory.
+THREADING = 1.5
+# A process or copy is handed so much work at once: enough to hide the hand-over, and all of it is lost
+# when the crew is interrupted.
+HANDFUL_S = 0.5
+# At least so many handfuls for each process, so that all end together.
+HANDFULS = 16
+# Threads are asked for the runs they have done so often.
+LOOK_S = 0.05
+
+HERE, THREADS, FORKS, PROCESSES = "here", "threads", "forks", "processes"
+
+
+@dataclass(frozen=True, slots=True)
+class Pace:
+    """How long a run takes, and how much of that keeps other threads waiting; in s."""
+
+    run_s: float
+    locked_s: float
+
+    def way(self, count: int, jobs: int, forks: bool) -> str:
+        """The quickest way to play `count` runs, `jobs` at a time; forks: they would be sound."""
+        jobs = min(jobs, count)
+        if jobs < 2:
+            return HERE
+        share_s = count * self.run_s / jobs
+        takes_s = {
+            HERE: count * self.run_s,
+            THREADS: max(share_s, count * self.locked_s * THREADING),
+            PROCESSES: share_s + START_S,
+        }
+        if forks:
+            takes_s[FORKS] = share_s + FORK_S
+        return min(takes_s, key=lambda way: takes_s[way])
+
+    def handful(self, count: int, jobs: int) -> int:
+        """How many runs to hand to a process at once."""
+        most = HANDFUL_S / max(self.run_s, 1e-9)
+        return max(1, int(min(most, count / (HANDFULS * jobs))))
+
+
+def in_threads(
+    play: Play[Order, Result], orders: Sequence[Order], jobs: int, done: list[Result]
+) -> Generator[None, None, None]:
+    """Play all orders, each result being appended to `done` at once; yields now and then.
+
+    Raises what a run raises. When it is closed early, the runs under way end at their next look.
+    """
+    todo, stop, failures = iter(orders), threading.Event(), list[BaseException]()
+
+    def look(_: float) -> None:
+        if stop.is_set():
+            raise KeyboardInterrupt
+
+    def work() -> None:
+        try:
+            for order in todo:
+                done.append(play(order, look))
+                if stop.is_set():
+                    return
+        except KeyboardInterrupt:
+            stop.set()
+        except BaseException as failure:  # raised again where the crew was asked for
+            failures.append(failure)
+            stop.set()
+
+    crew = [threading.Thread(target=work, daemon=True) for _ in range(jobs)]
+    try:
+        for thread in crew:
+            thread.start()
+        for thread in crew:
+            while thread.is_alive():
+                thread.join(LOOK_S)
+                yield
+    finally:
+        stop.set()
+        for thread in crew:
+            thread.join()
+    if failures:
+        raise failures[0]
+
+
+def in_forks(
+    play: Callable[[Order], Result],
+    orders: Sequence[Order],
+    jobs: int,
+    at_once: int,
+    done: list[Result],
+) -> Generator[None, None, None]:
+    """The same in copies of this process, which get their handfuls one at a time.
+
+    Raises RunError where a copy has been ended by somebody else.
+    """
+    context = multiprocessing.get_context("fork")
+    count = -(-len(orders) // at_once)
+    todo, crew = iter(range(count)), dict[Connection, BaseProcess]()
+    try:
+        with deaf_children(), warnings.catch_warnings():
+            # That threads do not live on in the copies; those of numpy are made anew.
+            warnings.simplefilter("ignore", DeprecationWarning)
+            for _ in range(min(jobs, count)):
+                here, there = context.Pipe()
+                crew[here] = context.Process(
+                    target=_serve, args=(play, orders, count, there), daemon=True
+                )
+                crew[here].start()
+                there.close()
+                here.send(next(todo))
+        busy = set(crew)
+        while busy:
+            for pipe in wait(list(busy)):
+                assert isinstance(pipe, Connection)
+                done.extend(_received(pipe))
+                more = next(todo, None)
+                if more is None:
+                    busy.discard(pipe)
+                else:
+                    pipe.send(more)
+            yield
+    finally:
+        for process in crew.values():
+            process.terminate()
+        for pipe, process in crew.items():
+            process.join()
+            pipe.close()
+
+
+def _serve(play: Callable[[Any], Any], orders: Sequence[Any], count: int, pipe: Connection) -> None:
+    """Play the handfuls that are asked for, in a copy, until it is ended."""
+    signal.signal(signal.SIGTERM, signal.SIG_DFL)
+    while True:
+        which = pipe.recv()
+        try:
+            pipe.send([play(order) for order in orders[which::count]])
+        except BaseException as failure:  # raised again where the crew was asked for
+            pipe.send(failure)
+
+
+def _received(pipe: Connection) -> list[Any]:
+    """A handful of results; raises what went wrong."""
+    try:
+        found = pipe.recv()
+    except EOFError:
+        raise RunError("a process that played runs has been ended by the system") from None
+    if isinstance(found, BaseException):
+        raise found
+    return list(found)
+
+
+def can_fork() -> bool:
+    """Whether copies of this process would be sound: another thread may hold a lock for good."""
+    return sys.platform == "linux" and threading.active_count() == 1
+
+
+def in_processes(
+    play: Callable[[Any, Sequence[Order]], list[Result]],
+    shared: bytes,
+    orders: Sequence[Order],
+    jobs: int | None,
+    at_once: int,
+    done: list[Result],
+) -> Generator[None, None, None]:
+    """The same by `play(shared, some orders)`, wherever joblib works, a Dask cluster too.
+
+    Costly runs, which often stand side by side, are spread over the handfuls.
+    """
+    import joblib
+
+    count = -(-len(orders) // at_once)
+    # A handful at a time: joblib would put more together, and one worker would end long after others.
+    parallel = joblib.Parallel(n_jobs=jobs or -1, return_as="generator_unordered", batch_size=1)
+    with deaf_children():
+        handfuls = parallel(joblib.delayed(play)(shared, orders[i::count]) for i in range(count))
+    with closing(handfuls):
+        for found in handfuls:
+            done.extend(found)
+            yield
+
+
+def has_cluster() -> bool:
+    """Whether joblib has been told to work elsewhere than in processes of this machine."""
+    if "joblib" not in sys.modules:
+        return False
+    from joblib.parallel import get_active_backend
+
+    return type(get_active_backend()[0]).__name__ != "LokyBackend"

@@ -1,0 +1,166 @@
+"""Many runs at a time: which way is chosen, that all ways give the same, and what an interrupt keeps."""
+
+from __future__ import annotations
+
+import os
+import signal
+import sys
+import threading
+import time
+from collections.abc import Callable
+
+import pytest
+
+import hybrid
+from hybrid.crew import (
+    FORKS,
+    HANDFULS,
+    HERE,
+    PROCESSES,
+    START_S,
+    THREADING,
+    THREADS,
+    Pace,
+    can_fork,
+    in_forks,
+    in_threads,
+)
+from hybrid.errors import RunError
+
+Look = Callable[[float], None]
+
+# Noise, drawn errors, a corner, a program: whatever a run may share with another by mistake.
+PATCH = """
+title: Many
+machine: nominal
+parameters: {start: 0.5, pull: 1}
+analog:
+  x: {integrate: {y: 1000}, initial: start, full_scale: 1}
+  y: {integrate: {x: -1000*pull, brake: -200}, initial: 0, full_scale: 1}
+  brake: {dead_zone: y, low: -0.1, high: 0.1, full_scale: 1}
+interface: {s: {adc: x}}
+digital: {period: 1 ms, program: {w: s}}
+run: {until: 5 ms}
+readouts: {last: {final: x}, top: {maximum: y}}
+"""
+
+
+@pytest.mark.parametrize(
+    ("run_s", "locked_s", "count", "jobs", "way"),
+    [
+        (2e-3, 0.3e-3, 1000, 2, THREADS),  # 1 s, and as much in processes once they have begun
+        (2e-3, 2e-3, 1000, 2, HERE),  # 2 s; in processes 1 s and the start
+        (20e-3, 20e-3, 1000, 2, PROCESSES),  # 10 s and the start, in place of 20 s
+        (20e-3, 5e-3, 1000, 16, PROCESSES),  # threads would wait for each other: 5 s and more
+        (20e-3, 1e-4, 1000, 16, THREADS),
+        (1e-3, 1e-3, 10, 2, HERE),  # 10 ms
+        (1.0, 0.0, 1, 16, HERE),
+        (1.0, 0.0, 100, 1, HERE),
+    ],
+)
+def test_the_quickest_way_is_taken(run_s, locked_s, count, jobs, way) -> None:
+    assert 1.0 < START_S < 3.0 and THREADING >= 1.0  # what the figures above go by
+    pace = Pace(run_s, locked_s)
+    assert pace.way(count, jobs, forks=False) == way
+    copies = FORKS if way == PROCESSES or (jobs > 1 and locked_s == run_s) else way
+    assert pace.way(count, jobs, forks=True) == copies
+
+
+def test_handfuls_are_neither_costly_to_lose_nor_uneven() -> None:
+    assert Pace(10.0, 0.0).handful(1000, 2) == 1
+    assert Pace(0.1, 0.0).handful(1000, 2) == 5  # half a second
+    assert Pace(1e-6, 0.0).handful(1000, 2) == 1000 // (2 * HANDFULS)
+
+
+@pytest.fixture(params=[HERE, THREADS, FORKS, PROCESSES])
+def way(request, monkeypatch: pytest.MonkeyPatch) -> str:
+    if request.param == FORKS and not sys.platform.startswith("linux"):
+        pytest.skip("only Linux copies processes soundly")
+    monkeypatch.setattr(Pace, "way", lambda *_: request.param)
+    return request.param
+
+
+def test_every_way_gives_each_run_as_alone(way: str) -> None:
+    patch = hybrid.parse_patch(PATCH)
+    starts, serials = [0.1 * k for k in range(1, 9)], list(range(8))
+    found = hybrid.batch(patch, {"start": starts}, serial=serials, jobs=2)
+    assert found.status == "complete"
+    assert [p.index for p in found.points] == serials
+    for point in found.points:
+        i = point.index
+        alone = hybrid.run(patch, {"start": starts[i]}, serial=i, seed=point.seed)
+        assert point.measured == alone.readouts
+    assert len({p.measured["last"]["value"] for p in found.points}) == 8
+
+
+def test_a_run_that_fails_leaves_the_others_in_peace(way: str) -> None:
+    pulls = [1.0, float("1e300"), 2.0, 3.0, 1e300, 0.5]
+    found = hybrid.batch(hybrid.parse_patch(PATCH), {"pull": pulls}, jobs=2)
+    assert [p.status == "failed" for p in found.points] == [False, True, False, False, True, False]
+
+
+def test_an_interrupt_keeps_what_is_done(way: str) -> None:
+    def progress(done: float) -> None:
+        if done > 0.2:
+            raise KeyboardInterrupt
+
+    patch = hybrid.parse_patch(PATCH)
+    found = hybrid.batch(patch, runs=400, jobs=2, progress=progress)
+    assert found.status == "interrupted"
+    assert 80 < len(found.points) < 400
+    assert all(p.status == "complete" for p in found.points)
+
+
+def test_threads_end_at_their_next_look() -> None:
+    done: list[int] = []
+    looks = threading.Event()
+
+    def play(order: int, look: Look) -> int:
+        while order == 3:  # a run without end
+            looks.set()
+            time.sleep(1e-3)
+            look(0.0)
+        return order
+
+    playing = in_threads(play, range(10**9), 2, done)
+    for _ in playing:
+        if looks.is_set() and len(done) > 10:
+            break
+    playing.close()
+    assert 3 not in done
+    assert threading.active_count() < 20
+
+
+def test_what_goes_wrong_is_raised() -> None:
+    def play(order: int, look: Look | None = None) -> int:
+        return 1 // (order - 5)
+
+    with pytest.raises(ZeroDivisionError):
+        list(in_threads(play, range(100), 2, []))
+    with pytest.raises(ZeroDivisionError):
+        list(in_forks(play, range(100), 2, 3, []))
+
+
+def test_a_copy_that_is_ended_from_outside_is_told() -> None:
+    def play(order: int) -> int:
+        if order == 5:
+            os.kill(os.getpid(), signal.SIGKILL)
+        return order
+
+    with pytest.raises(RunError, match="ended by the system"):
+        list(in_forks(play, range(100), 2, 3, []))
+
+
+def test_copies_play_every_order_once() -> None:
+    done: list[int] = []
+    list(in_forks(lambda order: order**2, range(101), 3, 7, done))
+    assert sorted(done) == [k**2 for k in range(101)]
+
+
+def test_nothing_is_copied_beside_other_threads() -> None:
+    ends = threading.Event()
+    other = threading.Thread(target=ends.wait)
+    other.start()
+    assert not can_fork()
+    ends.set()
+    other.join()
