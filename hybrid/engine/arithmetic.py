@@ -159,26 +159,6 @@ def operate(op: int, held: float, a: float, b: float) -> float:
     return result
 
 
-@inlined
-def run_tape(code: npt.NDArray[np.int32], r: Floats, first: int, stop: int) -> None:
-    """Play the operations `first` to before `stop` on registers `r`, of a program without tables and
-    helpers.
-
-    It is in the kernel's common path: calls with arrays, as these need them, would count references.
-    """
-    k = first
-    while k < stop:
-        op, target, a, b = code[k, 0], code[k, 1], r[code[k, 2]], r[code[k, 3]]
-        if op == SKIP:
-            result = a
-            if a == 0.0:
-                k += int(b)
-        else:
-            result = operate(op, r[target], a, b)
-        r[target] = result
-        k += 1
-
-
 @compiled
 def run_wide(
     code: npt.NDArray[np.int32],
@@ -207,16 +187,13 @@ def run_wide(
         k += 1
 
 
-@inlined
-def remember(memory: npt.NDArray[np.int32], r: Floats, first: int, stop: int) -> None:
-    """End a cycle: registers `r` of earlier values take over what rows `first` to before `stop` keep."""
-    for m in range(first, stop):
-        keeps, source, length = memory[m, KEEPS], memory[m, SOURCE_OF], memory[m, LENGTH]
-        if length == 0:
-            r[keeps] = r[source]
-        else:
-            ring = memory[m, RING]
-            oldest = int(r[ring])
-            r[keeps] = r[ring + 1 + oldest]
-            r[ring + 1 + oldest] = r[source]
-            r[ring] = oldest + 1 if oldest + 1 < length else 0
+@compiled
+def remember(memory: npt.NDArray[np.int32], r: Floats, row: int) -> None:
+    """End a cycle: the register of a value several cycles old takes over the oldest of its ring, whose
+    place the present value takes.
+    """
+    ring, length = memory[row, RING], memory[row, LENGTH]
+    oldest = int(r[ring])
+    r[memory[row, KEEPS]] = r[ring + 1 + oldest]
+    r[ring + 1 + oldest] = r[memory[row, SOURCE_OF]]
+    r[ring] = oldest + 1 if oldest + 1 < length else 0

@@ -15,8 +15,8 @@ from typing import Any, NamedTuple
 import numpy as np
 import numpy.typing as npt
 
-from hybrid.engine import helper_functions
-from hybrid.engine.arithmetic import remember, run_tape, run_wide
+from hybrid.engine import arithmetic, helper_functions, lanes
+from hybrid.engine.arithmetic import KEEPS, LENGTH, SOURCE_OF, operate, remember, run_wide
 from hybrid.engine.compiling import compiled, inlined
 from hybrid.engine.rounding import BITS, OVERFLOW, STEP, STOP, code_of, run_rounded, within
 
@@ -271,31 +271,16 @@ def play(
                     v[draws_at + j] = normals[drawn + j]
                 drawn += draws[i]
                 for block in range(blocks):
-                    a, b, c, d, e, f, g, h = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
-                    for j in range(columns):
-                        x = v[column_at + j]
-                        a += change[i, block, j, 0] * x
-                        b += change[i, block, j, 1] * x
-                        c += change[i, block, j, 2] * x
-                        d += change[i, block, j, 3] * x
-                        e += change[i, block, j, 4] * x
-                        f += change[i, block, j, 5] * x
-                        g += change[i, block, j, 6] * x
-                        h += change[i, block, j, 7] * x
-                    k = 8 * block
-                    next_v[k], next_v[k + 1], next_v[k + 2], next_v[k + 3] = a, b, c, d
-                    next_v[k + 4], next_v[k + 5], next_v[k + 6], next_v[k + 7] = e, f, g, h
-                within = 0
-                for k in range(inputs_at):
-                    x = kept[k] * v[k] + next_v[k]
-                    v[k] = x
-                    within += abs(x) <= 1.0
-                if within < inputs_at and watch(
-                    signal, v, notes, values, repeat, cues[at, 2], last
-                ):
+                    lanes.weigh(
+                        next_v, block, change, (i * blocks + block) * columns, v, column_at, columns
+                    )
+                beyond = False
+                for block in range(blocks):
+                    beyond |= not lanes.change(v, block, kept, next_v)
+                if beyond and watch(signal, v, notes, values, repeat, cues[at, 2], last):
                     outcome = RUNAWAY
                     break
-                if within < inputs_at and stops != NEVER and any_noted(notes):
+                if beyond and stops != NEVER and any_noted(notes):
                     outcome = OVERLOADED
                     break
             elif cue == SAMPLE:
@@ -315,7 +300,18 @@ def play(
                 for k in range(starts[i, 3], starts[i + 1, 3]):
                     registers[shared[k, 0]] = words[shared[k, 1]]
                 if plain:
-                    run_tape(code, registers, starts[i, 0], starts[i + 1, 0])
+                    k, stop = starts[i, 0], starts[i + 1, 0]
+                    while k < stop:
+                        op, target = code[k, 0], code[k, 1]
+                        a, b = registers[code[k, 2]], registers[code[k, 3]]
+                        if op == arithmetic.SKIP:
+                            value = a
+                            if a == 0.0:
+                                k += int(b)
+                        else:
+                            value = operate(op, registers[target], a, b)
+                        registers[target] = value
+                        k += 1
                 else:
                     outside[clock, helper_functions.REPEAT] = repeat
                     outside[clock, helper_functions.INSTANT] = cues[at, 2]
@@ -333,7 +329,11 @@ def play(
                 slot = slots[i, 0]
                 for w in range(starts[i, 1], starts[i + 1, 1]):
                     ring[slot, w] = registers[word_registers[w]]
-                remember(memory, registers, starts[i, 2], starts[i + 1, 2])
+                for m in range(starts[i, 2], starts[i + 1, 2]):
+                    if memory[m, LENGTH] == 0:
+                        registers[memory[m, KEEPS]] = registers[memory[m, SOURCE_OF]]
+                    else:
+                        remember(memory, registers, m)
                 slots[i, 0] = slot + 1 if slot + 1 < depth else 0
             elif cue == END:
                 slot = slots[i, 1]
@@ -365,10 +365,10 @@ def play(
                 if outcome != PAUSED:
                     break
             elif cue == LOOK:
-                beyond = 0
+                beyond = False
                 for s in range(sums_at, column_at):
-                    beyond += abs(v[s]) > 1.0
-                if beyond > 0:
+                    beyond |= abs(v[s]) > 1.0
+                if beyond:
                     watch(signal, v, notes, values, repeat, cues[at, 2], last)
                     if stops != NEVER and any_noted(notes):
                         outcome = OVERLOADED

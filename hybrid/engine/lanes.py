@@ -161,3 +161,94 @@ def combine(
     return _rows(
         types.void(out, place, first, place, figure, matrix, place, figure, source, place), generate
     )
+
+
+@intrinsic
+def weigh(
+    typing: Any,
+    out: Any,
+    row: Any,
+    matrix: Any,
+    matrix_row: Any,
+    source: Any,
+    first: Any,
+    count: Any,
+) -> Any:
+    """out[row] = the sum over j < count of source[first + j] * matrix[matrix_row + j].
+
+    `source` is taken as one line of figures. In two sums, of which neither waits for the other.
+    """
+
+    def generate(context: Any, builder: Any, kinds: Any, given: Any) -> None:
+        weights = _pointer(context, builder, kinds[2], *given[2:4])
+        line = context.make_array(kinds[4])(context, builder, given[4]).data
+        line = builder.gep(line, [given[5]])
+        count = given[6]
+        place = count.type
+        pairs = builder.lshr(count, place(1))
+
+        def product(j: Any) -> tuple[Any, Any]:
+            x = _spread(builder, builder.load(builder.gep(line, [j])))
+            return x, _load(builder, builder.gep(weights, [builder.mul(j, place(LANES))]))
+
+        zero = ir.Constant(_ROW, [0.0] * LANES)
+        before, loop = builder.block, builder.append_basic_block("pairs")
+        rest, odd_one, done = (builder.append_basic_block(name) for name in ("rest", "odd", "done"))
+        builder.cbranch(builder.icmp_signed(">", pairs, place(0)), loop, rest)
+
+        builder.position_at_end(loop)
+        pair, even, odd = builder.phi(place), builder.phi(_ROW), builder.phi(_ROW)
+        j = builder.shl(pair, place(1))
+        more_even = _add_product(builder, even, *product(j))
+        more_odd = _add_product(builder, odd, *product(builder.add(j, place(1))))
+        following = builder.add(pair, place(1))
+        for phi, start, onward in (
+            (pair, place(0), following),
+            (even, zero, more_even),
+            (odd, zero, more_odd),
+        ):
+            phi.add_incoming(start, before)
+            phi.add_incoming(onward, loop)
+        builder.cbranch(builder.icmp_signed("<", following, pairs), loop, rest)
+
+        builder.position_at_end(rest)
+        total_even, total_odd = builder.phi(_ROW), builder.phi(_ROW)
+        for phi, onward in ((total_even, more_even), (total_odd, more_odd)):
+            phi.add_incoming(zero, before)
+            phi.add_incoming(onward, loop)
+        total = builder.fadd(total_even, total_odd)
+        left = builder.and_(count, place(1))
+        builder.cbranch(builder.icmp_signed("!=", left, place(0)), odd_one, done)
+
+        builder.position_at_end(odd_one)
+        last = _add_product(builder, total, *product(builder.sub(count, place(1))))
+        builder.branch(done)
+
+        builder.position_at_end(done)
+        whole = builder.phi(_ROW)
+        whole.add_incoming(total, rest)
+        whole.add_incoming(last, odd_one)
+        _store(builder, whole, _pointer(context, builder, kinds[0], *given[:2]))
+
+    place = types.intp
+    return _rows(types.void(out, place, matrix, place, source, place, place), generate)
+
+
+@intrinsic
+def change(typing: Any, out: Any, row: Any, kept: Any, by: Any) -> Any:
+    """out[row] = kept[row] * out[row] + by[row]; whether every lane is then within +-1."""
+
+    def codegen(context: Any, builder: Any, signature: Any, given: Any) -> Any:
+        out, row, kept, by = given
+        kinds = signature.args
+        target = _pointer(context, builder, kinds[0], out, row)
+        factor = _load(builder, _pointer(context, builder, kinds[2], kept, row))
+        step = _load(builder, _pointer(context, builder, kinds[3], by, row))
+        value = _add_product(builder, step, factor, _load(builder, target))
+        _store(builder, value, target)
+        over = builder.fcmp_unordered(">", value, ir.Constant(_ROW, [1.0] * LANES))
+        under = builder.fcmp_unordered("<", value, ir.Constant(_ROW, [-1.0] * LANES))
+        mask = builder.bitcast(builder.or_(over, under), ir.IntType(LANES))
+        return builder.icmp_unsigned("==", mask, ir.IntType(LANES)(0))
+
+    return types.boolean(out, types.intp, kept, by), codegen
