@@ -29,9 +29,9 @@ def law(rate, drive, length_s):
 
 
 def spread(z):
-    out = np.full((8, Q), np.nan)
+    out = np.full((Q, 8), np.nan)
     noise_spread(TABLE, z, out)
-    return out
+    return out.T
 
 
 def facts(values):

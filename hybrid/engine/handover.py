@@ -5,13 +5,11 @@ Stage 4.
 
 from __future__ import annotations
 
-import numpy as np
-
 from hybrid.engine.circuit import Circuit
 from hybrid.engine.compiling import compiled
 from hybrid.engine.kernel import Floats
-from hybrid.engine.lanes import LANES, combine, copy
-from hybrid.engine.nodes import Nodes, point_weights
+from hybrid.engine.lanes import LANES, add_scaled, combine, copy, fill
+from hybrid.engine.nodes import Nodes
 from hybrid.engine.sweep import (
     AGE,
     BEFORE,
@@ -44,18 +42,33 @@ def guess(
 
     Only for signals that are read before they are computed.
     """
-    q, wanted, weights = len(grid.marks), state.guess_for, state.guess
+    wanted, weights = state.guess_for, state.guess
     if wanted[0] != place or wanted[1] != ratio or wanted[2] != degree:
         wanted[0], wanted[1], wanted[2] = place, ratio, degree
-        at_node = np.empty(q + 1)
-        for i in range(LANES):
-            point_weights(grid, place + ratio * grid.marks[min(i, q - 1)], degree, at_node)
-            for k in range(q + 1):
-                weights[k, i] = at_node[k]
+        _read_at_nodes(grid, place, ratio, degree, state.legendre, weights)
     new, torn = state.nodes, circuit.torn
     for k in range(torn.shape[0]):
         e = torn[k]
         combine(new, e, nodes, e, 0.0, weights, 0, start[e], nodes, e)
+
+
+@compiled
+def _read_at_nodes(
+    grid: Nodes, place: float, ratio: float, degree: int, legendre: Floats, weights: Floats
+) -> None:
+    """Fill `weights` (1 + q, P): `nodes.point_weights` of each node; `legendre` (1 + P, P): scratch."""
+    q = len(grid.marks)
+    for i in range(LANES):
+        x = 2.0 * (place + ratio * grid.marks[min(i, q - 1)]) - 1.0
+        legendre[0, i], legendre[1, i] = 1.0, x
+        for n in range(1, degree):
+            legendre[n + 1, i] = ((2 * n + 1) * x * legendre[n, i] - n * legendre[n - 1, i]) / (
+                n + 1
+            )
+    for k in range(q + 1):
+        fill(weights, k, 0.0)
+        for n in range(degree + 1):
+            add_scaled(weights, k, grid.series[n, k], legendre, n)
 
 
 @compiled

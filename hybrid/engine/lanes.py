@@ -164,6 +164,91 @@ def combine(
 
 
 @intrinsic
+def gather(
+    typing: Any,
+    out: Any,
+    row: Any,
+    constant: Any,
+    gains: Any,
+    source: Any,
+    source_rows: Any,
+    first: Any,
+    end: Any,
+) -> Any:
+    """out[row] = constant + the sum over t from `first` to before `end` of gains[t] *
+    source[source_rows[t]].
+    """
+
+    def generate(context: Any, builder: Any, kinds: Any, given: Any) -> None:
+        first, end = given[6:]
+        place = first.type
+        gains = context.make_array(kinds[3])(context, builder, given[3]).data
+        rows = context.make_array(kinds[5])(context, builder, given[5]).data
+        start = _spread(builder, given[2])
+        before, loop, done = (
+            builder.block,
+            builder.append_basic_block("terms"),
+            builder.append_basic_block("done"),
+        )
+        builder.cbranch(builder.icmp_signed("<", first, end), loop, done)
+
+        builder.position_at_end(loop)
+        term, total = builder.phi(place), builder.phi(_ROW)
+        gain = _spread(builder, builder.load(builder.gep(gains, [term])))
+        at = builder.load(builder.gep(rows, [term]))
+        value = _load(builder, _pointer(context, builder, kinds[4], given[4], at))
+        more = _add_product(builder, total, gain, value)
+        following = builder.add(term, place(1))
+        for phi, begin, onward in ((term, first, following), (total, start, more)):
+            phi.add_incoming(begin, before)
+            phi.add_incoming(onward, loop)
+        builder.cbranch(builder.icmp_signed("<", following, end), loop, done)
+
+        builder.position_at_end(done)
+        whole = builder.phi(_ROW)
+        whole.add_incoming(start, before)
+        whole.add_incoming(more, loop)
+        _store(builder, whole, _pointer(context, builder, kinds[0], *given[:2]))
+
+    place, figure = types.intp, types.float64
+    return _rows(types.void(out, place, figure, gains, source, source_rows, place, place), generate)
+
+
+@intrinsic
+def farthest(typing: Any, a: Any, a_row: Any, b: Any, b_row: Any) -> Any:
+    """Largest of |a[a_row] - b[b_row]| over the lanes; no number where any of them is none."""
+
+    def codegen(context: Any, builder: Any, signature: Any, given: Any) -> Any:
+        kinds = signature.args
+        left = _load(builder, _pointer(context, builder, kinds[0], *given[:2]))
+        right = _load(builder, _pointer(context, builder, kinds[2], *given[2:4]))
+        apart = builder.fsub(left, right)
+        below = builder.fcmp_ordered("<", apart, ir.Constant(_ROW, [0.0] * LANES))
+        size = builder.select(below, builder.fneg(apart), apart)
+        none = builder.bitcast(builder.fcmp_unordered("uno", size, size), ir.IntType(LANES))
+        lanes = LANES
+        while lanes > 1:  # the upper half against the lower one
+            lanes //= 2
+            halves = [
+                builder.shuffle_vector(
+                    size,
+                    ir.Constant(size.type, ir.Undefined),
+                    ir.Constant(
+                        ir.VectorType(ir.IntType(32), lanes),
+                        [ir.IntType(32)(start + k) for k in range(lanes)],
+                    ),
+                )
+                for start in (0, lanes)
+            ]
+            size = builder.select(builder.fcmp_ordered(">", *halves), *halves)
+        largest = builder.extract_element(size, ir.IntType(32)(0))
+        lost = builder.icmp_unsigned("!=", none, ir.IntType(LANES)(0))
+        return builder.select(lost, ir.DoubleType()(float("nan")), largest)
+
+    return types.float64(a, types.intp, b, types.intp), codegen
+
+
+@intrinsic
 def weigh(
     typing: Any,
     out: Any,

@@ -123,42 +123,44 @@ def law_weights(
     """Fill `weights` (1 + LANES, LANES) and `decay` (LANES,) for one law and one window length."""
     q = len(grid.marks)
     z = rate * length_s
-    row = np.empty(q + 1)
-    weights[:] = 0.0
+    weights[:, :] = 0.0
     for i in range(decay.shape[0]):
         j = min(i, q - 1)
         c = grid.marks[j]
         decay[i] = math.exp(-z * c)
-        row[:] = 0.0
         if abs(z) <= PART_OF_ONE:
             factor = drive * length_s
             for m in range(POWERS if z != 0.0 else 1):
                 for k in range(q + 1):
-                    row[k] += factor * grid.powers[j, m, k]
+                    weights[k, i] += factor * grid.powers[j, m, k]
                 factor *= z
         elif z * c <= FEW_CONSTANTS:
-            _by_quadrature(grid, j, z * c, drive * length_s * c, row)
+            _by_quadrature(grid, j, z * c, drive * length_s * c, weights, i)
         else:
             # By parts: the sum over m of (-1/z)^m [v^(m)(c) - exp(-z c) v^(m)(0)] / z ends at m = q.
             factor = drive / rate
             for m in range(q + 1):
                 for k in range(q + 1):
-                    row[k] += factor * (grid.slopes[m, j + 1, k] - decay[i] * grid.slopes[m, 0, k])
+                    weights[k, i] += factor * (
+                        grid.slopes[m, j + 1, k] - decay[i] * grid.slopes[m, 0, k]
+                    )
                 factor /= -z
-        for k in range(q + 1):
-            weights[k, i] = row[k]
 
 
 @compiled
-def _by_quadrature(grid: Nodes, j: int, constants: float, factor: float, row: Floats) -> None:
-    """Add node j's weights by a Gauss rule, half of the exponentials from the other half."""
+def _by_quadrature(
+    grid: Nodes, j: int, constants: float, factor: float, weights: Floats, i: int
+) -> None:
+    """Add node j's weights, column i, by a Gauss rule, half of the exponentials from the other half."""
     last = grid.abscissae.shape[0] - 1
     whole = math.exp(-constants)
     for g in range(grid.abscissae.shape[0] // 2):
         near = math.exp(-constants * grid.abscissae[g])  # the points lie evenly about the middle
         far = whole / near
-        for k in range(row.shape[0]):
-            row[k] += factor * (near * grid.basis[j, g, k] + far * grid.basis[j, last - g, k])
+        for k in range(len(grid.points)):
+            weights[k, i] += factor * (
+                near * grid.basis[j, g, k] + far * grid.basis[j, last - g, k]
+            )
 
 
 @compiled
@@ -185,7 +187,7 @@ def shelved(shelf: Shelf, grid: Nodes, laws: Floats, length_s: float) -> int:
 def free_slot(shelf: Shelf, length_s: float) -> int:
     """The slot for the operators of a length that is not there yet."""
     slots = shelf.lengths_s.shape[0]
-    share = 8.0 * math.frexp(length_s)[0]
+    share = 16.0 * math.frexp(length_s)[0]
     kept = share == math.floor(share)
     for k in range(slots):
         kept = kept or shelf.met_s[k] == length_s

@@ -15,9 +15,10 @@ of it. What shorter lags make of it is as good as the windows before an instant 
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
+import numpy.typing as npt
 
 from hybrid.elements import INTEGRATE, TRACK
 from hybrid.engine.circuit import (
@@ -33,7 +34,7 @@ from hybrid.engine.compiling import compiled
 from hybrid.engine.corners import Log, moves, new_log, settle
 from hybrid.engine.handover import accept, guess
 from hybrid.engine.kernel import Floats, Ints
-from hybrid.engine.lanes import LANES
+from hybrid.engine.lanes import LANES, add_scaled, weigh
 from hybrid.engine.nodes import Nodes, Shelf, free_slot, new_shelf
 from hybrid.engine.overloads import watch
 from hybrid.engine.projection import Projection, noise_spread, projected_law, projection
@@ -64,9 +65,11 @@ class Noise(NamedTuple):
 
     truth: State
     shelf: Shelf  # operators of `projection`
-    spread: Floats  # (slots, rates, P, q): nodes of fresh noise of rms 1 from unit normal draws
+    spread: Floats  # (slots, rates, q, P): nodes of fresh noise of rms 1 from unit normal draws
     table: Projection
     random: np.random.Generator
+    draws: Floats  # (q,): scratch
+    held: Floats  # (n,): scratch
     log: Log  # events of the truth are those of the smooth run: nothing fits
 
 
@@ -76,11 +79,20 @@ def new_noise(circuit: Circuit, random: np.random.Generator, q: int = 8) -> Nois
     return Noise(
         new_state(circuit, q),
         shelf,
-        np.zeros((len(shelf.lengths_s), len(circuit.noise_rates), LANES, q)),
+        np.zeros((len(shelf.lengths_s), len(circuit.noise_rates), q, LANES)),
         projection(q),
         random,
+        np.zeros(q),
+        np.zeros(len(circuit.rows)),
         new_log(0),
     )
+
+
+@compiled
+def take(to: npt.NDArray[Any], source: npt.NDArray[Any]) -> None:
+    """Copy a line of figures; a statement with slices would make an array in between."""
+    for i in range(to.shape[0]):
+        to[i] = source[i]
 
 
 @compiled
@@ -93,12 +105,13 @@ def finest(circuit: Circuit, rtol: float, tolerance: float) -> tuple[float, floa
 def jump(circuit: Circuit, smooth: State, noise: Noise, t_s: float, now_s: float) -> None:
     """Let the truth follow what has just jumped in the smooth run, which leads modes and stores."""
     truth = noise.truth
-    truth.held[:] = smooth.held
-    truth.piece[:] = smooth.piece
+    take(truth.held, smooth.held)
+    take(truth.piece, smooth.piece)
     if truth.counts[STARTED] == 0:  # there is no noise yet
-        truth.start[:] = smooth.start
-        truth.memory[:, :] = smooth.memory
-        truth.guard_start[:] = smooth.guard_start
+        take(truth.start, smooth.start)
+        take(truth.guard_start, smooth.guard_start)
+        for column in range(truth.memory.shape[1]):
+            take(truth.memory[:, column], smooth.memory[:, column])
         truth.counts[STARTED] = 1
         return
     settle(circuit, truth, smooth, t_s, now_s, noise.log, False, 0.0)
@@ -121,7 +134,7 @@ def play_truth(
     resolved by a short piece.
     """
     truth, done_s, most_s = noise.truth, 0.0, length_s
-    truth.piece[:] = smooth.piece
+    take(truth.piece, smooth.piece)
     while done_s < length_s:
         piece_s = _piece(circuit.tails_s, min(length_s - done_s, most_s), left_s - done_s)
         place, share, degree = done_s / length_s, piece_s / length_s, len(grid.marks)
@@ -130,7 +143,13 @@ def play_truth(
         if slot < 0:
             slot = _operators(circuit, noise, piece_s)
         _draw(
-            circuit.noisy, circuit.noise, noise.spread[slot], truth.fresh, truth.nodes, noise.random
+            circuit.noisy,
+            circuit.noise,
+            noise.spread[slot],
+            truth.fresh,
+            truth.nodes,
+            noise.draws,
+            noise.random,
         )
         if solve(circuit, truth, noise.shelf, grid, t_s + done_s, piece_s, tolerance):
             watch(truth, grid, t_s + done_s, piece_s)
@@ -185,20 +204,16 @@ def _draw(
     spread: Floats,
     fresh: Floats,
     nodes: Floats,
+    draws: Floats,
     random: np.random.Generator,
 ) -> None:
     """Fresh noise of every component, also added to the first guess."""
-    draws = np.empty(spread.shape[2])
     for k in range(noisy.shape[0]):
         e, rate = noisy[k, SOURCE], noisy[k, RATE]
         for j in range(draws.shape[0]):
             draws[j] = rms[k] * random.standard_normal()
-        for i in range(fresh.shape[1]):
-            total = 0.0
-            for j in range(draws.shape[0]):
-                total += spread[rate, i, j] * draws[j]
-            fresh[k, i] = total
-            nodes[e, i] += total
+        weigh(fresh, k, spread, rate * len(draws), draws, 0, len(draws))
+        add_scaled(nodes, e, 1.0, fresh, k)
 
 
 @compiled
@@ -234,6 +249,7 @@ def show(circuit: Circuit, smooth: State, noise: Noise, t_s: float, now_s: float
     """At an instant that is looked at, put what has corners on the side where the true signals are."""
     if circuit.corners.shape[0] == 0:
         return
-    held = noise.truth.memory[:, BEFORE].copy()
+    held, memory = noise.held, noise.truth.memory
+    take(held, memory[:, BEFORE])
     settle(circuit, noise.truth, smooth, t_s, now_s, noise.log, False, 0.0)
-    noise.truth.memory[:, BEFORE] = held  # what stores hold is not opened for a look
+    take(memory[:, BEFORE], held)  # what stores hold is not opened for a look

@@ -27,7 +27,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.polynomial import legendre
 
-from hybrid.engine.compiling import compiled
+from hybrid.engine.compiling import allocating, compiled
 from hybrid.engine.kernel import Floats
 from hybrid.engine.nodes import FEW_CONSTANTS, GAUSS_POINTS, nodes
 
@@ -76,7 +76,7 @@ def projection(q: int) -> Projection:
     )
 
 
-@compiled
+@allocating
 def projected_law(
     table: Projection, rate: float, drive: float, length_s: float, weights: Floats, decay: Floats
 ) -> None:
@@ -114,9 +114,9 @@ def projected_law(
             weights[k + 1, i] = rows[j, k + 1]
 
 
-@compiled
+@allocating
 def noise_spread(table: Projection, z: float, spread: Floats) -> None:
-    """Fill `spread` (nodes stored, q): nodes of fresh noise of rms 1 from q unit normal draws.
+    """Fill `spread` (q, nodes stored): nodes of fresh noise of rms 1 from q unit normal draws.
 
     Fresh is what a window of z lags adds to the noise of the past, which the lag itself lets decay.
     """
@@ -151,8 +151,9 @@ def noise_spread(table: Projection, z: float, spread: Floats) -> None:
             _solve_moments(z, y[:, k])
     rows = np.empty((q, q))
     _multiply(table.values, y, rows)
-    for i in range(spread.shape[0]):
-        spread[i, :] = rows[min(i, q - 1), :]
+    for k in range(q):
+        for i in range(spread.shape[1]):
+            spread[k, i] = rows[min(i, q - 1), k]
 
 
 @compiled

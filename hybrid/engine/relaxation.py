@@ -8,9 +8,9 @@ as the circuit itself does not magnify errors.
 
 After a jump (start, change of a held input, event) lagged outputs relax as exp(-t / tau). Lags follow
 any polynomial exactly, but what reads them takes their outputs for polynomials: so windows begin short
-and grow, as far as what the last one left of the series says, until the layer has died out. How short
-they must begin is learned from one jump to the next, apart for held inputs and for events. The number of
-windows hardly depends on how short a lag is.
+and grow, as far as what the last one left of the series says, until the layer has died out. How long
+the first ones may be is learned from one jump to the next, window by window, apart for held inputs and
+for events. The number of windows hardly depends on how short a lag is.
 """
 
 from __future__ import annotations
@@ -49,6 +49,8 @@ from hybrid.engine.sweep import (
     OVERLOAD_S,
     REJECTED,
     ROWS,
+    RUNG,
+    RUNGS,
     SINCE_S,
     STARTED,
     TIMES,
@@ -70,7 +72,7 @@ RESOLVED_LAGS = 0.25
 # What a layer leaves of the series is taken to fall with it, yet to no less than this share.
 LEAST_DECAY = 0.2
 # The next window aims at this share of what is allowed, and is at most so much longer or shorter.
-AIM = 0.2
+AIM = 0.1
 MOST_GROWTH = 2.0
 MOST_CUT = 0.1
 # How far from its bound a guard may be at an event, in machine units: below `corners.SLACK_AT_REST`.
@@ -122,7 +124,7 @@ def advance(
     clock, counts, shown, taus_s = state.clock, state.counts, state, circuit.taus_s
     counts[ROWS], counts[EVENTS] = 0, 0
     jumped = _begin(circuit, state, t_s, log)
-    recent = np.zeros((circuit.corners.shape[0], 2))
+    state.recent[:, :] = 0.0
     tolerance = min(max(1e-15, 1e-5 * rtol), 1e-12)
     if noise is not None:
         shown = noise.truth
@@ -147,7 +149,7 @@ def advance(
         if not tail <= rtol:
             if length * 0.5 < SHORTEST_S:
                 return _lost(state), now
-            _reject(clock, counts, taus_s, length, tail / rtol, len(grid.marks))
+            _reject(state, taus_s, length, tail / rtol, len(grid.marks))
             continue
         corner, at, over, earlier, by = -1, 1.0, -1, 1.0, 0
         if circuit.corners.shape[0] > 0:
@@ -180,13 +182,13 @@ def advance(
                 return OVERLOADED, now
             hold_for_good(circuit, state, t_s, now, log)
         elif by == 0:
-            _adapt(clock, counts, taus_s, length, tail / rtol, len(grid.marks))
+            _adapt(state, taus_s, length, tail / rtol, len(grid.marks))
         else:
             change_piece(circuit, state, corner, by, now, log)
             settle(circuit, state, state, t_s, now, log, False, 0.0)
-            _begin_short(clock, counts, AFTER_EVENT)
+            _begin_short(state, AFTER_EVENT)
             _count_change(circuit, state.changes, corner, t_s + now)
-            if _chatters(circuit, recent, corner, now):
+            if _chatters(circuit, state.recent, corner, now):
                 return CHATTER, now
         if _lost(state) == RUNAWAY:
             return RUNAWAY, now
@@ -196,7 +198,7 @@ def advance(
             if over >= 0 or by != 0:
                 jump(circuit, state, noise, t_s, now)
             elif bring_up(circuit, state, noise, t_s, now, log):
-                _begin_short(clock, counts, AFTER_EVENT)
+                _begin_short(state, AFTER_EVENT)
                 jump(circuit, state, noise, t_s, now)
     if noise is not None and duration_s > 0.0:
         show(circuit, state, noise, t_s, now)
@@ -217,15 +219,15 @@ def _begin(circuit: Circuit, state: State, t_s: float, log: Log) -> bool:
     if state.counts[STARTED] == 0:  # pieces found for the first time are no events
         state.counts[EVENTS] = 0
     state.counts[STARTED] = 1
-    _begin_short(state.clock, state.counts, AFTER_INPUT)
+    _begin_short(state, AFTER_INPUT)
     return True
 
 
 @compiled
-def _begin_short(clock: Floats, counts: Ints, jumped: int) -> None:
+def _begin_short(state: State, jumped: int) -> None:
     """Something jumped: forget the last window, and begin as after the last jump of this kind."""
-    clock[AGE], clock[NEXT] = 0.0, clock[jumped]
-    counts[KNOWN], counts[JUMPED] = 0, jumped
+    state.clock[AGE], state.clock[NEXT] = 0.0, state.rungs[jumped, 0]
+    state.counts[KNOWN], state.counts[JUMPED], state.counts[RUNG] = 0, jumped, 0
 
 
 @compiled
@@ -271,7 +273,7 @@ def hold_for_good(circuit: Circuit, state: State, t_s: float, now_s: float, log:
     """Put the machine into HOLD, whatever its modes are meant to be from now on."""
     state.counts[FROZEN], state.counts[ON_OVERLOAD] = 1, CONTINUE
     settle(circuit, state, state, t_s, now_s, log, False, 0.0)
-    _begin_short(state.clock, state.counts, AFTER_EVENT)
+    _begin_short(state, AFTER_EVENT)
 
 
 @compiled
@@ -280,7 +282,7 @@ def _next_length(length_s: float, remaining_s: float) -> float:
     if length_s >= remaining_s * (1.0 - 1e-9):
         return remaining_s
     share, exponent = math.frexp(length_s)
-    return math.ldexp(math.floor(share * 8.0) / 8.0, exponent)
+    return math.ldexp(math.floor(share * 16.0) / 16.0, exponent)
 
 
 @compiled
@@ -301,36 +303,39 @@ def _change_of_length(share: float, q: int) -> float:
 
 
 @compiled
-def _reject(
-    clock: Floats, counts: Ints, taus_s: Floats, length_s: float, share: float, q: int
-) -> None:
+def _reject(state: State, taus_s: Floats, length_s: float, share: float, q: int) -> None:
     """Note that a window was too long, by what it left; where loops did not agree, by half.
 
     Then no window may be longer for a while, unless it is a layer that is to blame.
     """
+    clock, counts = state.clock, state.counts
     counts[REJECTED] += 1
     agreed = share < math.inf
     clock[NEXT] = length_s * (_change_of_length(share, q) if agreed else 0.5)
     if _lasting(clock[AGE], taus_s, length_s) == 0.0:
         clock[CRUISE] = clock[NEXT]
         counts[WAIT] = 0 if agreed else PATIENCE
-    if clock[AGE] == 0.0:
-        clock[counts[JUMPED]] = clock[NEXT]
+    if counts[RUNG] < RUNGS:
+        state.rungs[counts[JUMPED], counts[RUNG]] = clock[NEXT]
 
 
 @compiled
-def _adapt(
-    clock: Floats, counts: Ints, taus_s: Floats, length_s: float, share: float, q: int
-) -> None:
-    """Suggest the length of the next window; after a jump, that of the first one after the next jump."""
+def _adapt(state: State, taus_s: Floats, length_s: float, share: float, q: int) -> None:
+    """Suggest the length of the next window; soon after a jump, what was learned after earlier ones."""
+    clock, counts, rungs = state.clock, state.counts, state.rungs[state.counts[JUMPED]]
     cut_short = length_s < 0.8 * clock[NEXT]  # by an instant, not by what signals do
     change = _change_of_length(share, q)
-    if clock[AGE] == length_s and not cut_short:
-        clock[counts[JUMPED]] = length_s * max(change, 1.0)
     tau = _lasting(clock[AGE], taus_s, length_s)
+    learned = 0.0
+    if not cut_short and counts[RUNG] < RUNGS:
+        rungs[counts[RUNG]] = length_s * max(change, 1.0)
+        counts[RUNG] += 1
+        learned = rungs[counts[RUNG]] if counts[RUNG] < RUNGS else 0.0
     if tau > 0.0:
         change = _change_of_length(share * max(math.exp(-length_s / tau), LEAST_DECAY), q)
     suggested = max(length_s * change, min(length_s, clock[NEXT]))
+    if learned > 0.0:
+        suggested = learned
     if cut_short:
         suggested = max(suggested, clock[NEXT])
     if tau == 0.0:
@@ -383,7 +388,7 @@ def _guard_rises(circuit: Circuit, state: State, grid: Nodes, corner: int, at: f
     """Whether the piece is left upward."""
     p = circuit.corners[corner, FIRST_PIECE] + state.piece[corner]
     low, high = circuit.pieces[p, LOW], circuit.pieces[p, HIGH]
-    weights = np.empty(len(grid.marks) + 1)
+    weights = state.point
     point_weights(grid, at, len(grid.marks), weights)
     g = weights[0] * state.guard_start[corner]
     for j in range(len(grid.marks)):
@@ -433,7 +438,7 @@ def _record(state: State, grid: Nodes, pen: Pen, end_s: float, length_s: float) 
     q, row = len(grid.marks), state.counts[ROWS]
     if row >= pen.instants_s.shape[0] or pen.instants_s[row] > end_s:
         return
-    weights = np.empty(q + 1)
+    weights = state.point
     while row < pen.instants_s.shape[0] and pen.instants_s[row] <= end_s:
         at = 1.0 - (end_s - pen.instants_s[row]) / length_s
         point_weights(grid, min(max(at, 0.0), 1.0), q, weights)

@@ -58,7 +58,17 @@ from hybrid.engine.circuit import (
 )
 from hybrid.engine.compiling import compiled, inlined
 from hybrid.engine.kernel import RUNAWAY_MU, Floats, Ints
-from hybrid.engine.lanes import LANES, add_scaled, combine, copy, fill, multiply, scale
+from hybrid.engine.lanes import (
+    LANES,
+    add_scaled,
+    combine,
+    copy,
+    farthest,
+    fill,
+    gather,
+    multiply,
+    scale,
+)
 from hybrid.engine.nodes import Nodes, Shelf, shelved
 from hybrid.modes import HOLD, IC, OP
 
@@ -77,6 +87,9 @@ class State(NamedTuple):
     guard_start: Floats  # (corners,): the quantity each corner guards
     guard: Floats  # (corners, P)
     row: Floats  # (2, P): scratch
+    point: Floats  # (1 + q,): scratch
+    legendre: Floats  # (1 + P, P): scratch
+    recent: Floats  # (corners, 2): since when each has switched often, and how often
     guess: Floats  # (1 + P, P): from the last window's points to this one's nodes
     guess_for: (
         Floats  # (3,): place, length and degree it was made for, in lengths of the last window
@@ -84,6 +97,7 @@ class State(NamedTuple):
     overload: Floats  # (n, 6): see the columns below
     fresh: Floats  # (noisy, P): noise that came up in the window, at its nodes
     clock: Floats  # see the constants below
+    rungs: Floats  # (2, RUNGS): length of the windows after a jump, see below; 0: not learned
     counts: Ints  # see the constants below
     watched: Ints  # (n,): 1 where an overload may stop the run or hold the machine
     changes: Floats  # (corners, 5): see the columns below
@@ -101,15 +115,17 @@ FIRST_S, FIRST_VALUE, WORST_VALUE, WORST_S, BEYOND_S, TIMES = range(6)
 LAST_S, IN_A_ROW, SINCE_S, FROM_S, MOST = range(5)
 # Indices into State.clock: time since the last jump, length of windows where no layer lasts, length of
 # the last window; largest error estimate of a window, and their sum for the ends of the windows; when
-# an overload stopped the run or held the machine; length that the last window suggests for the next,
-# and that of the first window after a jump of a held input, and after an event.
-AGE, CRUISE, LENGTH, WORST, SUM_OF_ERRORS, OVERLOAD_S, NEXT, AFTER_INPUT, AFTER_EVENT = range(9)
+# an overload stopped the run or held the machine; length that the last window suggests for the next.
+AGE, CRUISE, LENGTH, WORST, SUM_OF_ERRORS, OVERLOAD_S, NEXT = range(7)
+# Rows of State.rungs: after a jump of a held input, and after an event. So many windows are learned.
+AFTER_INPUT, AFTER_EVENT = range(2)
+RUNGS = 8
 # Indices into State.counts: started, last window's points can be used for a guess, windows accepted and
 # rejected, sweeps, events, record rows, windows to wait before the length may grow; what an overload
-# does, whether the machine is in HOLD because of one; what jumped last: AFTER_INPUT or AFTER_EVENT.
-STARTED, KNOWN, WINDOWS, REJECTED, SWEEPS, EVENTS, ROWS, WAIT, ON_OVERLOAD, FROZEN, JUMPED = range(
-    11
-)
+# does, whether the machine is in HOLD because of one; what jumped last, AFTER_INPUT or AFTER_EVENT, and
+# the number of the window since.
+STARTED, KNOWN, WINDOWS, REJECTED, SWEEPS, EVENTS, ROWS, WAIT = range(8)
+ON_OVERLOAD, FROZEN, JUMPED, RUNG = range(8, 12)
 
 # Sweeps after which a window is given up as too long.
 MOST_SWEEPS = 40
@@ -135,12 +151,16 @@ def new_state(circuit: Circuit, q: int = 8) -> State:
         np.zeros(m),
         np.zeros((m, p)),
         np.zeros((2, p)),
+        np.zeros(1 + q),
+        np.zeros((1 + p, p)),
+        np.zeros((m, 2)),
         np.zeros((1 + p, p)),
         np.full(3, np.nan),
         np.zeros((n, 6)),
         np.zeros((len(circuit.noisy), p)),
-        np.array([0.0, math.inf, 0.0, 0.0, 0.0, math.nan, first_s, first_s, first_s]),
-        np.zeros(11, dtype=np.int64),
+        np.array([0.0, math.inf, 0.0, 0.0, 0.0, math.nan, first_s]),
+        np.pad(np.full((2, 1), first_s), ((0, 0), (0, RUNGS - 1))),
+        np.zeros(12, dtype=np.int64),
         np.zeros(n, dtype=np.int64),
         np.tile((-math.inf, 0.0, 0.0, math.nan, 0.0), (m, 1)),
     )
@@ -214,17 +234,13 @@ def sweep(
             middle = terms
         elif mode == IC:
             terms, middle, constant = middle, end, figures[e, SECOND_CONSTANT]
-        fill(scratch, 0, constant)
-        for t in range(terms, middle):
-            add_scaled(scratch, 0, gain[t], nodes, signal[t])
+        gather(scratch, 0, constant, gain, nodes, signal, terms, middle)
         if kind == PIECES:
             for i in range(LANES):
                 guard[corner, i] = scratch[0, i]
                 scratch[0, i] = piece_of(pieces, p, scratch[0, i])
         elif kind != SUM and kind != INTEGRATE:
-            fill(scratch, 1, figures[e, SECOND_CONSTANT])
-            for t in range(middle, end):
-                add_scaled(scratch, 1, gain[t], nodes, signal[t])
+            gather(scratch, 1, figures[e, SECOND_CONSTANT], gain, nodes, signal, middle, end)
             if kind == PRODUCT:
                 multiply(scratch, 0, scratch, 1)
             elif kind == SWITCH:
@@ -291,12 +307,9 @@ def sweep(
         if noisy >= 0:
             add_scaled(nodes, e, 1.0, fresh, noisy)
         if tear:
-            moved = 0.0
-            for i in range(LANES):
-                moved = max(moved, abs(nodes[e, i] - scratch[1, i]))
-            moved /= max(1.0, abs(nodes[e, q - 1]))
-            if not moved <= change:  # also where it is no number
-                change = moved
+            moved, size = farthest(nodes, e, scratch, 1), max(1.0, abs(nodes[e, q - 1]))
+            if not moved <= change * size:  # also where it is no number
+                change = moved / size
     return change
 
 

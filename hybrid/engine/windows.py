@@ -16,7 +16,7 @@ import numpy as np
 from hybrid.elements import INPUT
 from hybrid.engine import kernel
 from hybrid.engine.circuit import Builder, Circuit
-from hybrid.engine.compiling import compiled
+from hybrid.engine.compiling import allocating, compiled
 from hybrid.engine.corners import Log, new_log, settle
 from hybrid.engine.kernel import Coupling, Deck, Floats, Ints, Pens, Plant, Score, State
 from hybrid.engine.linear import Overload, Player
@@ -126,7 +126,7 @@ def _hold_now(score: Score, side: Side, noise: Noise | None, clock: Clock, state
         jump(side.circuit, side.state, noise, now_s, 0.0)
 
 
-@compiled
+@allocating
 def play_circuit(
     score: Score,
     plant: Plant,
