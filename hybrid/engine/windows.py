@@ -184,14 +184,14 @@ def play_circuit(
     return kernel.PAUSED
 
 
-@compiled
+@allocating
 def begin(side: Side, noise: Noise | None, plant: Plant, state: State, held: Floats) -> None:
     """Let loops come to rest with these figures at the inputs, and every signal follow, at t = 0."""
     settle_loops(side, held)
     follow(side, noise, plant, state, 0.0, 0.0)
 
 
-@compiled
+@allocating
 def settle_loops(side: Side, held: Floats) -> None:
     """Let loops of lagged parts come to rest before the run, with these figures at the inputs.
 
