@@ -66,7 +66,7 @@ class Cycles:
 
     period: int
     compute: int
-    every: int
+    every: int  # 0: no rows are taken
     channels: tuple[tuple[int, int], ...]  # of each ADC: multiplexer delay, conversion time
     dacs: int
 
@@ -95,7 +95,8 @@ def _simulated(cycles: Cycles, until: int) -> tuple[Event, ...]:
     clock = simpy.Environment(initial_time=0)
     if cycles.period:
         clock.process(_cycle_clock(clock, cycles, log))
-    clock.process(_recorder(clock, cycles.every, log))
+    if cycles.every:
+        clock.process(_recorder(clock, cycles.every, log))
     clock.run(until=until + 1)
     return tuple(log)
 

@@ -128,8 +128,11 @@ def _clocks(machine: Machine) -> _Clocks:
 @functools.lru_cache(maxsize=2)
 def _laid_out(clocks: _Clocks) -> Timeline:
     machine, stopped = _until_stopped(clocks.machine)
-    timing = machine.timing
-    (stretch, warm_up), edges = _repetition(machine), edges_of(machine.steps)
+    timing, edges = machine.timing, edges_of(machine.steps)
+    cycles = timing.until // timing.period if timing.period else 0
+    rows = timing.until // timing.every + 1
+    machine, edges = _few_rows_alone(machine, edges)
+    stretch, warm_up = _repetition(machine)
     together = math.lcm(stretch, *(period for _, period, _ in edges.waves))
     laid_out = _clock_events(machine, (warm_up + 1) * together)
     if timing.until >= (warm_up + 2) * together and (
@@ -137,19 +140,33 @@ def _laid_out(clocks: _Clocks) -> Timeline:
     ):
         stretch = together
     else:  # a wave that never falls in with the clock: one edge after the other
-        edges = _one_by_one(machine)
+        edges = _one_by_one(machine, edges.rows)
     if timing.until < (warm_up + 2) * stretch:
         segments = _flat(machine, edges)
     else:
         segments = _tiled(machine, stretch, warm_up, edges)
     _refuse_many_intervals(machine, segments)
-    return Timeline(
-        tuple(segments),
-        timing.until,
-        timing.until // timing.period if timing.period else 0,
-        timing.until // timing.every + 1,
-        stopped,
-    )
+    return Timeline(tuple(segments), timing.until, cycles, rows, stopped)
+
+
+def _few_rows_alone(machine: Machine, edges: Edges) -> tuple[Machine, Edges]:
+    """A machine whose clock takes no rows, and the rows among the edges, each by itself, where rows are
+    so far apart that a stretch from one to the next is too much to lay out; else as they are.
+
+    What repeats then is the clock alone, interrupted for every row.
+    """
+    timing = machine.timing
+    stretch, warm_up = _repetition(machine)
+    is_flat = timing.until < (warm_up + 2) * stretch
+    laid_out = _clock_events(machine, timing.until if is_flat else (warm_up + 1) * stretch)
+    if not timing.period or laid_out <= MOST_FLAT_EVENTS:
+        return machine, edges
+    rows = tuple(range(0, timing.until + 1, timing.every))
+    alone = replace(machine, timing=replace(timing, every=0))
+    stretch = stretch_of(alone)
+    if len(rows) * (_clock_events(alone, stretch) + 2) > MOST_FLAT_EVENTS:
+        return machine, edges
+    return alone, replace(edges, rows=rows)
 
 
 def stretch_of(machine: Machine) -> int:
@@ -206,7 +223,8 @@ def _clock_log(machine: Machine, until: int) -> tuple[list[Event], tuple[Note, .
     timing = machine.timing
     if timing.tasks:
         rota = rota_until(machine, until + 1)
-        rows = [(tick, int(Happening.RECORD), 0) for tick in range(0, until + 1, timing.every)]
+        taken = range(0, until + 1, timing.every) if timing.every else ()
+        rows = [(tick, int(Happening.RECORD), 0) for tick in taken]
         return in_order([*rota.events, *rows]), rota.notes
     channels = tuple((s.delay_ticks, s.conversion_ticks) for s in machine.samplers)
     cycles = Cycles(timing.period, timing.compute, timing.every, channels, len(machine.holders))
@@ -219,6 +237,7 @@ class Edges:
 
     once: tuple[tuple[int, int], ...]  # tick, index
     waves: tuple[tuple[int, int, int], ...]
+    rows: tuple[int, ...] = ()  # of the record, where it has no part in what repeats
 
     def within(self, start: int, end: int) -> list[Event]:
         """The events from `start` until before `end`, counted from `start`."""
@@ -227,11 +246,14 @@ class Edges:
         for first, period, index in self.waves:
             begin = first + max(0, -(-(start - first) // period)) * period
             found += [(tick - start, index) for tick in range(begin, end, period)]
-        return [(tick, int(Happening.SOURCE), index) for tick, index in found]
+        low, high = (bisect.bisect_left(self.rows, tick) for tick in (start, end))
+        rows = [(tick - start, int(Happening.RECORD), 0) for tick in self.rows[low:high]]
+        return [*((tick, int(Happening.SOURCE), index) for tick, index in found), *rows]
 
     def breaks(self) -> list[int]:
         """Ticks at which a stretch is not like the one before it."""
-        return [tick for tick, _ in self.once] + [first for first, _, _ in self.waves]
+        edges = [tick for tick, _ in self.once] + [first for first, _, _ in self.waves]
+        return [*edges, *self.rows]
 
 
 def edges_of(steps: Sequence[StepEvent]) -> Edges:
@@ -266,20 +288,20 @@ def _refuse_wave(machine: Machine, index: int, length: int) -> NoReturn:
     )
 
 
-def _one_by_one(machine: Machine) -> Edges:
+def _one_by_one(machine: Machine, rows: tuple[int, ...]) -> Edges:
     """The edges of all sources until the end of the run, each by itself."""
     until, edges = machine.timing.until, edges_of(machine.steps)
     for first, period, index in edges.waves:
         if (until - first) // period > MOST_FLAT_EVENTS:
             _refuse_wave(machine, index, until - first)
     events = edges.within(0, until + 1)
-    return Edges(tuple(sorted((tick, index) for tick, _, index in events)), ())
+    return Edges(tuple(sorted((tick, index) for tick, _, index in events)), (), rows)
 
 
 def _clock_events(machine: Machine, until: int) -> int:
     """How many events of cycles and record there are, about."""
     timing = machine.timing
-    rows = until // timing.every
+    rows = until // timing.every if timing.every else 0
     if timing.tasks:
         served = collections.Counter(s.task for s in machine.samplers for _ in range(2))
         served.update(h.task for h in machine.holders)
@@ -298,12 +320,23 @@ def _refuse_too_many(machine: Machine, until: int, edges: Edges) -> None:
         periods = [task.period for task in timing.tasks] or [timing.period]
         told = ", ".join(f"{to_seconds(period):.12g} s" for period in sorted(periods))
         raise PatchError(
-            f"the period{'s' * (len(periods) > 1)} {told} and the record interval "
-            f"{to_seconds(timing.every):.12g} s have no short common multiple, so {count:.3g} events "
-            f"would have to be laid out one by one (at most {MOST_FLAT_EVENTS}); make one a small "
-            "multiple of the other",
+            f"{_never_together(machine, told)}, so {count:.3g} events would have to be laid out one by "
+            f"one (at most {MOST_FLAT_EVENTS}); make one a small multiple of the other",
             machine.patch.run.until.place,
         )
+
+
+def _never_together(machine: Machine, periods: str) -> str:
+    """Which clocks have no short common multiple."""
+    timing = machine.timing
+    several = "s" * (len(timing.tasks) > 1)
+    if not timing.every:
+        return f"the period{several} {periods} have no short common multiple"
+    every_s, stretch_s = to_seconds(timing.every), to_seconds(stretch_of(machine))
+    return (
+        f"the period{several} {periods} and the record interval {every_s:.12g} s come together only "
+        f"every {stretch_s:.6g} s"
+    )
 
 
 def most_intervals(machine: Machine) -> int:

@@ -233,8 +233,27 @@ def test_ticks_of_seconds_come_back(ticks):
 
 def test_periods_without_common_multiple_are_refused_when_long(machine, shipped, compiled):
     text = shipped("pitch_loop", ("until: 10 s", "until: 5000 s, every: 0.0009999999999 s"))
-    with pytest.raises(PatchError, match=r"no short common multiple.*make one a small multiple"):
+    with pytest.raises(PatchError, match=r"come together only every .*make one a small multiple"):
         build_timeline(compiled(text))
+
+
+FEW_ROWS = {  # period, compute, every, until: from one row to the next there is much to lay out
+    "multiple": (1000, 1000, 1_000_000, 3_005_000),
+    "short run": (1000, 300, 1_000_000, 1_500_000),
+    "no multiple": (997, 2500, 1_000_000, 3_005_000),
+}
+
+
+@pytest.mark.parametrize("given", FEW_ROWS.values(), ids=FEW_ROWS)
+def test_few_rows_interrupt_what_repeats(machine, monkeypatch, given):
+    # From row to row there are 1,000 cycles that are all alike, 5,000 events.
+    monkeypatch.setattr("hybrid.timeline.MOST_FLAT_EVENTS", 3000)
+    timing, adcs, steps = Timing(*given), [(0, 100)], [1_234_567]
+    timeline = build_timeline(rewired(machine, timing, adcs=adcs, steps=steps))
+    assert timeline.rows == timing.until // timing.every + 1
+    assert timeline.cycles == timing.until // timing.period
+    assert sum(len(segment.events) for segment in timeline.segments) < 200
+    assert listed(timeline) == brute_force(timing, adcs, 1, steps)
 
 
 # --- the values at an instant --------------------------------------------------------------------
