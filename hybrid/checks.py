@@ -7,7 +7,6 @@ validation.
 
 from __future__ import annotations
 
-import math
 from dataclasses import asdict, dataclass
 from typing import TYPE_CHECKING, Any
 
@@ -17,13 +16,14 @@ from hybrid.components import CATALOG
 from hybrid.elements import INTEGRATE
 from hybrid.equipment import Part, RateRow, count_parts, rate_test
 from hybrid.errors import counted
-from hybrid.graph import simple_loops
 from hybrid.linearity import NotLinear
+from hybrid.loops import Loops, loops_of
 from hybrid.machine import Machine
 from hybrid.patch import Value
 from hybrid.potentiometers import dialled_core, setting_of
-from hybrid.prediction import Case, closed_form_case, signal_graph
+from hybrid.prediction import Case, closed_form_case
 from hybrid.record import full_scales, machine_facts, signal_units
+from hybrid.roundoff import lost_constants
 from hybrid.runs import check_windows, thinning, thinning_text
 from hybrid.scale import time_scale_text, to_seconds, to_ticks
 from hybrid.timeline import build_timeline
@@ -33,8 +33,6 @@ from hybrid.workload import warnings as workload_warnings
 
 if TYPE_CHECKING:
     import pandas as pd
-
-MOST_LOOPS = 50
 
 
 @dataclass(frozen=True, slots=True)
@@ -88,15 +86,6 @@ class ConverterRow:
         return "exact" if self.bits is None else "exact, bits ignored"
 
 
-@dataclass(frozen=True, slots=True)
-class Loop:
-    """A loop of signals with the sum of the lags around it; `sampled` where it passes the program."""
-
-    path: tuple[str, ...]
-    lag_s: float
-    sampled: bool
-
-
 @dataclass(frozen=True, eq=False)
 class Check:
     """The findings: scaling and static check, potentiometers, parts, rate test, converters, loops,
@@ -109,7 +98,7 @@ class Check:
     parts: tuple[Part, ...]
     pots: tuple[PotRow, ...]
     converters: tuple[ConverterRow, ...]
-    loops: tuple[Loop, ...]
+    loops: Loops
     prediction: str
     events: str
     warnings: tuple[str, ...] = ()
@@ -125,7 +114,10 @@ class Check:
             "parts": [asdict(part) for part in self.parts],
             "potentiometers": [asdict(row) for row in self.pots],
             "converters": [{**asdict(row), "remark": row.remark} for row in self.converters],
-            "loops": [asdict(loop) for loop in self.loops],
+            "loops": [asdict(loop) for loop in self.loops.listed],
+            "loops_found": self.loops.found,
+            "loops_in_program": self.loops.in_program,
+            "loops_complete": self.loops.complete,
             "prediction": self.prediction,
             "events": self.events,
             "tasks": to_dicts(self.tasks),
@@ -151,7 +143,7 @@ class Check:
             for row in self.scaling
         ]
         lines += [f"  {row.converter} ({row.kind}): {row.remark}" for row in self.converters]
-        lines += [f"  loop: {' -> '.join(loop.path)}" for loop in self.loops]
+        lines += [f"  loop: {' -> '.join(loop.path)}" for loop in self.loops.listed]
         lines += [f"  warning: {warning}" for warning in self.warnings]
         return "\n".join([*lines, f"  prediction: {self.prediction}"])
 
@@ -192,10 +184,10 @@ def check(
         count_parts(compiled, pots),
         pots,
         _converters(compiled),
-        _loops(compiled),
+        loops_of(compiled),
         _which_prediction(compiled),
         f"{events}, {thinned}" if thinned else events,
-        (*_warnings(compiled), *workload_warnings(compiled, rows)),
+        (*_warnings(compiled), *lost_constants(compiled), *workload_warnings(compiled, rows)),
         rows,
     )
 
@@ -292,7 +284,8 @@ def _pots(machine: Machine) -> tuple[PotRow, ...]:
         if component.kind == "constant" or core.steps:
             stepped = core.steps[0].value if core.steps else 0.0
             entries["(reference)"] = (stepped if core.integrated else core.constant + stepped) / own
-        rows += [_pot(component.name, name, value) for name, value in entries.items()]
+        # What is zero has no cord.
+        rows += [_pot(component.name, name, value) for name, value in entries.items() if value]
     return tuple(rows)
 
 
@@ -323,19 +316,6 @@ def _converters(machine: Machine) -> tuple[ConverterRow, ...]:
             units[name][0],
         )
         for name, kind, converts, step, clips in rows
-    )
-
-
-def _loops(machine: Machine) -> tuple[Loop, ...]:
-    words = set(machine.tape.words)
-    found = simple_loops(signal_graph(machine.patch), MOST_LOOPS)
-    return tuple(
-        Loop(
-            path,
-            math.fsum(machine.stages[s].tau for s in path if s in machine.stages),
-            any(s in words for s in path),
-        )
-        for path in found
     )
 
 

@@ -8,6 +8,7 @@ http://daveml.org/DTDs/2p0/Ref (DAVE-ML 2.0 reference).
 
 from __future__ import annotations
 
+import functools
 import math
 import re
 from collections.abc import Callable, Mapping
@@ -15,7 +16,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from hybrid.errors import PatchError, Place, did_you_mean, quoted
+from hybrid.errors import PatchError, Place, counted, did_you_mean, quoted
 from hybrid.expressions import Call, LookUp, Name, Node, Number, names
 from hybrid.graph import find_loop
 from hybrid.mathml import read_math
@@ -45,7 +46,7 @@ class Variable:
     limits: tuple[float, float] = (-math.inf, math.inf)
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True)
 class Model:
     """The variables of a file, by their id; `inside(id)` is how arithmetic names them."""
 
@@ -57,9 +58,17 @@ class Model:
         return f"{self.prefix}:{id_}"
 
     def find(self, word: str) -> Variable | None:
-        """A variable by its name or its id."""
-        named = (v for v in self.variables.values() if v.name == word)
-        return next(named, self.variables.get(word))
+        """A variable by its name, where it is the only one of that name, or its id."""
+        named = self.named.get(word, [])
+        return named[0] if len(named) == 1 else self.variables.get(word)
+
+    @functools.cached_property
+    def named(self) -> Mapping[str, list[Variable]]:
+        """The variables by their names, which need not be different."""
+        found: dict[str, list[Variable]] = {}
+        for variable in self.variables.values():
+            found.setdefault(variable.name, []).append(variable)
+        return found
 
     @property
     def inputs(self) -> tuple[Variable, ...]:
@@ -187,7 +196,8 @@ class _Reader:
         ]
         if len(points) != len(refs):
             raise PatchError(
-                f"a table of {len(points)} variables, but a function of {len(refs)}", function.place
+                f"a table of {counted(len(points), 'variable')}, but a function of {len(refs)}",
+                function.place,
             )
         data = _only(found, "dataTable")
         return self.table(id_, refs, points, _numbers(data), data)

@@ -262,7 +262,8 @@ class Fields:
         """The number of a word among those that may be chosen; the first where it is not given."""
         text = self.text(key.name, key.choices[0])
         if text not in key.choices:
-            hint = did_you_mean(text, key.choices)
+            # A few words are all told: the nearest in letters need not be what is meant.
+            hint = f"valid: {', '.join(key.choices)}"
             raise PatchError(
                 f"{self.what}: {key.name} is {quoted(text)}; {hint}", self.place(key.name)
             )

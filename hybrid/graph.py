@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+import collections
+from collections.abc import Mapping, Sequence
 
 
 def find_loop(needs: Mapping[str, list[str]]) -> tuple[str, ...]:
@@ -51,7 +52,7 @@ def dependency_order(needs: Mapping[str, list[str]]) -> tuple[str, ...]:
     return tuple(order)
 
 
-# A graph of many layers has more paths than can be walked; the search ends after this many steps.
+# A graph of many layers has more paths than can be walked; a search ends after this many steps.
 MOST_STEPS = 200_000
 
 
@@ -74,3 +75,28 @@ def simple_loops(follows: Mapping[str, list[str]], most: int = 100) -> list[tupl
                 elif target > root and target not in path and target in follows:
                     stack.append((target, (*path, target)))
     return found
+
+
+def short_loops(
+    follows: Mapping[str, list[str]], roots: Sequence[str], most: int
+) -> tuple[list[tuple[str, ...]], bool]:
+    """Loops that pass no name twice, each once, the shorter ones first, and whether they are all.
+
+    follows: name -> those it feeds; roots: every loop wanted passes one of them, and begins there. The
+    search ends with `most` loops, or after MOST_STEPS.
+    """
+    found: list[tuple[str, ...]] = []
+    place = {name: i for i, name in enumerate(roots)}
+    queue = collections.deque((name,) for name in roots)
+    for _ in range(MOST_STEPS):
+        if not queue or len(found) >= most:
+            break
+        path = queue.popleft()
+        first = place[path[0]]
+        for target in follows[path[-1]]:
+            if target == path[0]:
+                found.append(path)
+            # Roots before it have had their turn, so every loop is found once.
+            elif place.get(target, first + 1) > first and target not in path and target in follows:
+                queue.append((*path, target))
+    return found[:most], not queue and len(found) <= most

@@ -10,7 +10,7 @@ import functools
 import math
 from collections.abc import Callable
 
-from hybrid.errors import PatchError, did_you_mean, quoted
+from hybrid.errors import PatchError, counted, did_you_mean, quoted
 from hybrid.expressions import Binary, BinaryOp, Call, Name, Node, Number, Unary
 from hybrid.xmltree import Element
 
@@ -90,6 +90,9 @@ def _apply(element: Element, named: Named) -> Node:
     if not element.children:
         raise PatchError("<apply> is empty", element.place)
     head, rest = element.children[0], element.children[1:]
+    if head.tag not in (*_KNOWN, "apply", "cn", "ci"):
+        valid = did_you_mean(head.tag, _KNOWN)
+        raise PatchError(f"<{head.tag}/> is no operation that is read; {valid}", head.place)
     if head.tag in ("piecewise", "apply", "cn", "ci") and not rest:
         return _read(head, named)  # <apply> around what needs none
     qualifiers = {child.tag: child for child in rest if child.tag in ("degree", "logbase")}
@@ -101,7 +104,7 @@ def _apply(element: Element, named: Named) -> Node:
                 f"{fewest}" if most == fewest else f"{fewest} or more" if most is None else "1 or 2"
             )
             raise PatchError(
-                f"<{head.tag}/> has {len(values)} operands; it needs {due}", head.place
+                f"<{head.tag}/> has {counted(len(values), 'operand')}; it needs {due}", head.place
             )
 
     tag = head.tag
@@ -145,7 +148,8 @@ def _of_one(head: Element, value: Node, qualifiers: dict[str, Element], named: N
         return Call(_FUNCTIONS[tag], (value,))
     if tag in _INVERSE:
         return Binary("/", Number(1.0), Call(_INVERSE[tag], (value,)))
-    raise PatchError(f"<{tag}/> cannot be computed; {did_you_mean(tag, _KNOWN)}", head.place)
+    told = head.attributes.get("definitionURL", "") or head.text.strip()
+    raise PatchError(f"<{tag}/> {quoted(told)} is no function that is read; atan2 is", head.place)
 
 
 def _negative(value: Node) -> Node:

@@ -17,7 +17,7 @@ import re
 from collections.abc import Mapping, Set
 from types import MappingProxyType
 
-from hybrid.errors import did_you_mean
+from hybrid.errors import counted, did_you_mean
 from hybrid.expressions import (
     FUNCTIONS,
     LOGIC,
@@ -311,15 +311,16 @@ class _Reader:
             advice = did_you_mean(name, {**FUNCTIONS, **self._tables})
             raise self._error(f"unknown function {name!r}; {advice}", node)
         if not function.fewest <= len(args) <= function.most:
-            count = " to ".join(map(str, sorted({function.fewest, function.most})))
-            raise self._error(f"{name}() takes {count} argument(s), not {len(args)}", node)
+            fewest = f"{function.fewest} to " if function.fewest < function.most else ""
+            count = f"{fewest}{counted(function.most, 'argument')}"
+            raise self._error(f"{name}() takes {count}, not {len(args)}", node)
         return Call(name, args)
 
     def _look_up(self, node: ast.expr, table: Table, args: tuple[Node, ...]) -> LookUp:
         axes = [axis.name for axis in table.axes]
         if len(args) != len(axes):
             raise self._error(
-                f"the table {table.name} takes {len(axes)} argument(s), {', '.join(axes)}, not "
+                f"the table {table.name} takes {counted(len(axes), 'argument')}, {', '.join(axes)}, not "
                 f"{len(args)}",
                 node,
             )

@@ -214,7 +214,8 @@ def _analog_case(machine: Machine) -> Case | None:
 
 def signal_graph(patch: Patch) -> dict[str, list[str]]:
     """Which signals each signal feeds, through components, converters and the program."""
-    feeds: dict[str, set[str]] = {name: set() for name in patch.signals}
+    words = patch.program.words if patch.program else ()  # those of models, too
+    feeds: dict[str, set[str]] = {name: set() for name in (*patch.signals, *words)}
     for component in patch.components:
         for source in component.sources:
             feeds[source].add(component.name)

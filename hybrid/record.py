@@ -117,15 +117,16 @@ def record_parts(
     time_s: Floats,
     rows: Floats,
     facts: Mapping[str, str | int | float],
+    firsts_s: Mapping[str, float],
 ) -> Parts:
     """Variables, coordinates and attributes of a record, ready for xarray.Dataset(*parts).
 
     One variable per pen, shape (rows,), in problem units; coordinate `time` in s. `facts` are the
     run's own attributes: seed, cycles, status, status_note, rows_note, overloads, outside,
-    readouts.
+    readouts. `firsts_s`: when ADCs and words have their first result.
     """
     variables = {
-        pen.name: ("time", np.ascontiguousarray(rows[:, i]), _about(machine, pen))
+        pen.name: ("time", np.ascontiguousarray(rows[:, i]), _about(machine, pen, firsts_s))
         for i, pen in enumerate(pens)
     }
     patch = machine.patch
@@ -148,16 +149,18 @@ def record_parts(
     return variables, {"time": ("time", time_s, {"units": "s"})}, attributes
 
 
-def _about(machine: Machine, pen: Pen) -> dict[str, Any]:
+def _about(machine: Machine, pen: Pen, firsts_s: Mapping[str, float]) -> dict[str, Any]:
     """Attributes of one variable; numbers of the mode are told as the CF conventions tell flags."""
     if pen.kind == "mode":
         numbers, names = np.arange(float(len(MODE_NAMES))), " ".join(MODE_NAMES)
         return {"units": "", "kind": pen.kind, "flag_values": numbers, "flag_meanings": names}
     full_scale = full_scales(machine).get(pen.name, float("nan"))
+    first = {"first_result_s": firsts_s[pen.name]} if pen.name in firsts_s else {}
     return {
         "units": signal_units(machine)[pen.name][0],
         "full_scale": full_scale,
         "kind": pen.kind,
+        **first,
     }
 
 

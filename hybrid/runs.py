@@ -6,8 +6,9 @@ Stage 5. An interrupted or stopped run keeps what was computed and says so.
 from __future__ import annotations
 
 import json
+import math
 import time
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import TYPE_CHECKING, Any
@@ -15,21 +16,25 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from hybrid.arguments import Parameters, Source, machine_of, whole_number
+from hybrid.beginnings import first_results, initial_words
 from hybrid.coupling import modes
 from hybrid.engine import kernel
 from hybrid.engine.linear import DAC_SUFFIX, Overload, Player
 from hybrid.engine.ranges import outside
 from hybrid.engines import check_engine, engine_of, player_of, wants_circuit
 from hybrid.errors import PatchError, counted
+from hybrid.growth import growth_text
 from hybrid.linearity import NotLinear
 from hybrid.machine import Floats, Machine, Pen
 from hybrid.patch import Readout
 from hybrid.readout import FEWEST_ROWS_PER_CYCLE, READOUTS
 from hybrid.record import full_scales, pens_for, record_parts, signal_units
+from hybrid.roundoff import roundoff_text, word_lengths
 from hybrid.scale import row_times_s, to_seconds, to_ticks
 from hybrid.storage import Parts
 from hybrid.tables import STOPS
 from hybrid.timeline import build_timeline
+from hybrid.wordlength import LARGEST_SINGLE, Kind
 from hybrid.workload import TaskRow, task_rows, to_dicts
 
 if TYPE_CHECKING:
@@ -63,6 +68,8 @@ class Run:
     outside: tuple[dict[str, Any], ...] = ()  # functions of the program asked beyond their range
     tasks: tuple[TaskRow, ...] = ()  # how the digital machine did
     played_s: float = 0.0  # how long the engine took, of real time
+    # When each ADC and word has its first result, infinite where the run ends before.
+    firsts_s: Mapping[str, float] = field(default_factory=dict)
 
     @cached_property
     def record(self) -> xr.Dataset:
@@ -86,7 +93,7 @@ class Run:
             "outside": json.dumps(self.outside),
             "readouts": json.dumps(self.readouts),
         }
-        return record_parts(self.machine, self.pens, self.time_s, self.rows, facts)
+        return record_parts(self.machine, self.pens, self.time_s, self.rows, facts, self.firsts_s)
 
     def to_pandas(self) -> pd.DataFrame:
         """The record as a DataFrame indexed by time in s."""
@@ -152,9 +159,13 @@ def run(
     keep_every = thinning(compiled, timeline.rows)
     pens = pens_for(compiled, readouts_only)
     player = player_of(compiled, engine)(compiled, timeline, pens, seed, keep_every)
+    player.state.words[:] = initial_words(compiled)
     began_s = time.perf_counter()
     status, note = _play(player, progress)
     played_s = time.perf_counter() - began_s
+    if status == "complete":
+        lost = roundoff_text(compiled)
+        note = "; ".join(filter(None, (note, growth_text(pens, player.record), lost)))
     every_s = to_seconds(compiled.timing.every * keep_every)
     period = compiled.timing.period
     result = Run(
@@ -173,6 +184,10 @@ def run(
         outside=tuple(found.facts() for found in outside(player)),
         tasks=task_rows(compiled, timeline, player.done_ticks),
         played_s=played_s,
+        firsts_s={
+            name: tick if math.isinf(tick) else to_seconds(int(tick))
+            for name, tick in first_results(compiled, timeline, seed).items()
+        },
     )
     try:
         result.readouts.update(_read_out(result, every_s))
@@ -268,8 +283,8 @@ def ending(player: Player) -> tuple[str, str]:
         return "stopped", (
             f"stopped at {player.done_s:.6g} s: {_cycle_text(player)} "
             "the program computed no finite number for "
-            f"{', '.join(words)} (a number beyond 1.8e308, a division by zero, "
-            "or a root or logarithm of a negative number)"
+            f"{', '.join(words)} (a number beyond {_largest_text(player.machine, words)}, a division by "
+            "zero, or a root or logarithm of a negative number)"
         )
     machine = player.machine
     notes = (
@@ -280,6 +295,14 @@ def ending(player: Player) -> tuple[str, str]:
         *player.remarks(),
     )
     return "complete", "; ".join(filter(None, notes))
+
+
+def _largest_text(machine: Machine, words: Sequence[str]) -> str:
+    """The largest number that words may hold."""
+    lengths = word_lengths(machine.patch.program, machine.parameters)
+    single = f"{LARGEST_SINGLE:.2g}, the largest float32"
+    found = {single if lengths[word].kind is Kind.SINGLE else "1.8e308" for word in words}
+    return " or ".join(sorted(found))
 
 
 def _stopper(player: Player) -> str:
@@ -398,6 +421,8 @@ def _too_late(readout: Readout, result: Run) -> str:
     """Why a readout that begins after the record's end has no rows; '' where it has."""
     start_s = readout.start.number(result.machine.parameters) if readout.start else 0.0
     last_s = float(result.time_s[-1]) if len(result.time_s) else 0.0
+    if result.firsts_s.get(readout.signal, 0.0) > last_s:
+        return f"{readout.signal} has no result before the end of the record at {last_s:g} s"
     if not readout.start or start_s <= last_s:
         return ""
     place = f"{readout.start.place}: " if str(readout.start.place) else ""
@@ -427,7 +452,7 @@ def _too_sparse(machine: Machine, interval_s: float) -> str:
 
 
 def _window(readout: Readout, scope: Mapping[str, float], result: Run) -> tuple[int, int]:
-    """First row and row after the last that a readout uses.
+    """First row and row after the last that a readout uses; of a word, from its first result on.
 
     A transient is read up to the first overload on a machine that clips: after that the loop is no
     longer the one that was patched.
@@ -435,6 +460,7 @@ def _window(readout: Readout, scope: Mapping[str, float], result: Run) -> tuple[
     # Through ticks, as the rows' times are, so that 3 * 0.1 s names the row at 0.3 s.
     start_s = to_seconds(to_ticks(readout.start.number(scope))) if readout.start else 0.0
     end_s = to_seconds(to_ticks(readout.end.number(scope))) if readout.end else np.inf
+    start_s = max(start_s, result.firsts_s.get(readout.signal, 0.0))
     first = int(np.searchsorted(result.time_s, start_s, side="left"))
     last = int(np.searchsorted(result.time_s, end_s, side="right"))
     clipped = _first_clip(readout, result)

@@ -48,8 +48,12 @@ def show_table(
     """A plain table: the first `texts` columns to the left, figures to the right.
 
     A table wider than the terminal keeps its width, and the terminal breaks its lines: a figure that
-    is cut off would be a wrong figure. `wrap`: the first column takes several lines instead.
+    is cut off would be a wrong figure. `wrap`: the first column takes several lines instead. Without
+    rows nothing is printed.
     """
+    rows = list(rows)
+    if not rows:
+        return
     made = Table(
         title=escape(title), title_justify="left", title_style="bold", box=None, pad_edge=False
     )

@@ -6,6 +6,7 @@ from rich.console import Console
 from rich.markup import escape
 
 from hybrid.checks import Check
+from hybrid.loops import loops_text
 from hybrid.show import figure, show_table, speed_text
 from hybrid.workload import columns, operations_text, total_utilisation
 
@@ -38,10 +39,11 @@ def show_check(console: Console, check: Check) -> None:
     _show_tasks(console, check)
     loops = [
         (" -> ".join(loop.path), figure(loop.lag_s, 4), "sampled" if loop.sampled else "analog")
-        for loop in check.loops
+        for loop in check.loops.listed
     ]
-    if loops:
-        show_table(console, "Loops", ("path", "sum of lags s", ""), loops, wrap=True)
+    show_table(console, "Loops", ("path", "sum of lags s", ""), loops, wrap=True)
+    if left_out := loops_text(check.loops):
+        console.print(left_out)
     console.print(f"Prediction: {escape(check.prediction)}")
 
 

@@ -15,10 +15,13 @@ from typing import TypeAlias
 import numpy as np
 import numpy.typing as npt
 
+from hybrid.errors import counted
 from hybrid.units import PURE, Dimension
 
 Floats: TypeAlias = npt.NDArray[np.float64]
 
+# A range that goes so far has no end.
+ENDLESS = 1e300
 MOST_VARIABLES = 4
 MOST_VALUES = 1_000_000
 METHODS = ("linear", "cubic")
@@ -63,7 +66,9 @@ class Table:
 def check_points(name: str, points: Sequence[float]) -> None:
     """Refuse breakpoints that are not strictly increasing, naming the two at fault."""
     if len(points) < 2:
-        raise TableError(f"{name} has {len(points)} breakpoint(s); a table needs 2 or more")
+        raise TableError(
+            f"{name} has {counted(len(points), 'breakpoint')}; a table needs 2 or more"
+        )
     for before, after in itertools.pairwise(points):
         if not after > before:
             raise TableError(

@@ -74,9 +74,9 @@ def test_each_table_of_a_model_is_asked_once_a_cycle(reference):
     patch, _ = shot_patch(reference("models/F16_aero.dml"), table[0])
     tape = compile_patch(patch).tape
     asked = [site.word for site in tape.sites]
-    # The file has 18 functions; the six coefficients need all of them.
-    assert len(asked) == len(set(asked)) == 18
-    assert sum(tape.code[:, 0] == Op.LOOK_UP) == 18
+    # The file has 18 functions; the six coefficients need all of them. The airspeed has a minValue.
+    assert len(asked) == len(set(asked)) == 18 + 1
+    assert sum(tape.code[:, 0] == Op.LOOK_UP) == 18 + 1
 
 
 def test_every_reference_model_is_read(reference):
@@ -179,10 +179,13 @@ def test_limits_and_ranges_of_a_model(flown):
     # v is kept at 10 ft/s by its minValue; alpha at -5 deg by the function's range.
     cl = -0.5 * (1.0 + 0.1)
     assert made.record["force"].values[-1] == pytest.approx(cl * 10 * 30 * LBF, rel=16 * EPS)
-    (told,) = made.outside
+    kept, told = sorted(made.outside, key=lambda o: o["word"], reverse=True)
     assert (told["function"], told["argument"], told["action"]) == ("wing:cl", "alpha", "clamped")
     assert told["range"] == [-5.0, 20.0]
     assert told["value"] == pytest.approx(-8.0, rel=4 * EPS)
+    assert (kept["function"], kept["argument"]) == ("wing:speed", "speed")
+    assert kept["value"] == pytest.approx(0.3, rel=4 * EPS) and kept["times"] == 3
+    assert "asked for speed = 0.3, below 10 (3 times, first at 0 s; clamped)" in made.status_note
     made = flown(v=200 * FT)  # the table goes on beyond its highest speed
     assert made.record["force"].values[-1] == pytest.approx(1.5 * 200 * 30 * LBF, rel=16 * EPS)
     assert made.outside[0]["action"] == "continued"
@@ -265,10 +268,10 @@ DEEP = "<DAVEfunc>" + "<a>" * 200 + "</a>" * 200 + "</DAVEfunc>"
         ('minValue="10"', 'minValue="10" maxValue="1"', 7, "minValue is above maxValue"),
         ('initialValue="30."', 'initialValue="nan"', 8, "initialValue holds 'nan'"),
         ('<bpRef bpID="A"/>', '<bpRef bpID="B"/>', 30, "nothing has the bpID 'B'; valid: A, V"),
-        ('<bpRef bpID="A"/>', "", 24, "a table of 1 variables, but a function of 2"),
+        ('<bpRef bpID="A"/>', "", 24, "a table of 1 variable, but a function of 2"),
         ('<breakpointRefs><bpRef bpID="V"/><bpRef bpID="A"/></breakpointRefs>', "", 29, "has no <b"),
         ("0 100</bpVals>", "100 100</bpVals>", 25, "of v must increase, but 100 comes after 100"),
-        ("0 100</bpVals>", "0</bpVals>", 25, "v has 1 breakpoint(s)"),
+        ("0 100</bpVals>", "0</bpVals>", 25, "v has 1 breakpoint"),
         ("-2.0, 0.0, 4.0,", "-2.0, 0.0,", 31, "the table has 5 values; its breakpoints ask for 2 x 3"),
         ("-2.0, 0.0, 4.0,", "-2.0, 0.0, four", 31, "<dataTable> holds 'four', which is no number"),
         ("-2.0, 0.0, 4.0,", "-2.0, 0.0, inf", 31, "<dataTable> holds 'inf'"),
@@ -281,9 +284,9 @@ DEEP = "<DAVEfunc>" + "<a>" * 200 + "</a>" * 200 + "</DAVEfunc>"
         ("<ci>alpha</ci>", "<ci>f</ci><ci>twist</ci>", 10, "each other: twist -> twist"),
         ("<cn>0.5</cn>", "<cn>half</cn>", 12, "<cn> holds 'half'; it must be a number"),
         ("<cn>0.5</cn>", '<cn type="e-notation">5<sep/>-1</cn>', 12, "type e-notation is not read"),
-        ("<apply><times/><cn>0.5</cn>", "<apply><tims/><cn>0.5</cn>", 12, "<tims/> has 2 operands"),
-        ("<apply><times/><cn>0.5</cn>", "<apply><tims/>", 12, "<tims/> cannot be computed"),
-        ("<apply><times/><cn>0.5</cn>", "<apply><divide/>", 12, "<divide/> has 1 operands; it needs 2"),
+        ("<apply><times/><cn>0.5</cn>", "<apply><tims/><cn>0.5</cn>", 12, "read; did you mean 'times'"),
+        ("<apply><times/><cn>0.5</cn>", "<apply><tims/>", 12, "<tims/> is no operation"),
+        ("<apply><times/><cn>0.5</cn>", "<apply><divide/>", 12, "<divide/> has 1 operand; it needs 2"),
         ("<apply><times/><cn>0.5</cn>", "<vector/><apply><minus/>", 11, "must hold one expression"),
         ('units="lbf"', 'units="pounds"', 16, "'force' is in unknown units 'pounds'; say in the patch"),
     ],
@@ -336,6 +339,30 @@ def test_units_given_in_the_patch_replace_those_of_the_file(flown):
     model = MODEL.replace('units="lbf"', 'units="pounds"')
     patch = PATCH.replace("    inputs:", "    units: {force: lbf}\n    inputs:")
     assert flown(model, patch).record["force"].values[-1] == pytest.approx(0.75 * 1500 * LBF)
+
+
+def test_variables_of_one_name_are_told_apart_by_their_id(flown):
+    model = MODEL.replace('name="span" varID="b"', 'name="lift" varID="b"')
+    assert flown(model, PATCH.replace("wing.span", "wing.b")).record["span"].values[-1] == 30 * FT
+    with pytest.raises(
+        PatchError, match=r"a.yaml:10: .*2 variables of the model are named 'lift'; .* b or cl"
+    ):
+        flown(model, PATCH.replace("wing.span", "wing.b").replace("wing.force\n", "wing.lift\n", 1))
+    with pytest.raises(PatchError, match=r"a.yaml:6: .*named 'lift'"):
+        flown(model, PATCH.replace("{angleOfAttack: ", "{lift: 1, angleOfAttack: "))
+
+
+def test_a_file_that_is_not_where_a_variable_of_the_environment_says(flown, monkeypatch):
+    monkeypatch.delenv("MODELS_HERE", raising=False)
+    for path, said in (
+        ("$MODELS_HERE/wing.dml", "the environment has no variable MODELS_HERE; set it"),
+        (
+            "${MODELS_HERE:-away}/wing.dml",
+            "paths are relative to the patch, unless MODELS_HERE says",
+        ),
+    ):
+        with pytest.raises(PatchError, match=said.replace("$", ".")):
+            flown(patch=PATCH.replace("file: wing.dml", f'file: "{path}"'))
 
 
 def test_a_model_reads_another_and_bare_numbers_are_in_si(flown):

@@ -249,14 +249,14 @@ def test_a_run_says_when_it_left_the_atmosphere(tmp_path, capsys, monkeypatch):
             "us76(2 * rate * height)",
             "the height, '2*rate*height' [m^2], must be in m",
         ),
-        ("us76(height)", "us76(height, rate)", "density_us76() takes 1 argument(s), not 2"),
+        ("us76(height)", "us76(height, rate)", "density_us76() takes 1 argument, not 2"),
         ("density_us76", "densty_us76", "did you mean 'density_us76'"),
         (
             "density_us76(height)",
             "gravity_sphere(height, rate)",
             "the gm, 'rate' [m], must be in m^3/s^2",
         ),
-        ("density_us76(height)", "latitude_wgs84(height)", "takes 3 argument(s), not 1"),
+        ("density_us76(height)", "latitude_wgs84(height)", "takes 3 arguments, not 1"),
         (
             "density_us76(height)",
             "x_wgs84(rate, 0, 0)",

@@ -110,7 +110,7 @@ def oscilloscope(
         axes = style.axes_at(figure, (LEFT_IN, top_in, *size_in), "screen")
         _draw_screen(axes)
         for beam, trace in enumerate(traces):
-            values = np.asarray(record[trace.name].values, dtype=np.float64) / trace.per_division
+            values = style.results(record, trace.name) / trace.per_division
             paths = [
                 style.envelope(
                     (time_s[s.first : s.last] - s.start_s) / per_division_s,

@@ -162,7 +162,7 @@ def _axis(record: Recorded, name: str, down: NDArray[np.bool_], up: NDArray[np.b
     if name not in available:
         raise RunError(f"no signal {name!r} in the record; {did_you_mean(name, available)}")
     about = record[name].attrs
-    values = np.asarray(record[name].values, dtype=np.float64)[down]
+    values = style.results(record, name)[down]
     values = np.where((np.abs(values) < 1 / TINY) & ~up, values, np.nan)
     full_scale = float(about.get("full_scale", math.nan))
     limit = full_scale if math.isfinite(full_scale) and full_scale > 0 else 0.0

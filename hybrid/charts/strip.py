@@ -159,7 +159,7 @@ def _overloads(record: Recorded) -> dict[str, list[tuple[float, int]]]:
 
 def _lane(record: Recorded, name: str, overloads: Sequence[tuple[float, int]]) -> Lane:
     about = record[name].attrs
-    values = np.asarray(record[name].values, dtype=np.float64)
+    values = style.results(record, name)
     values = np.where(np.abs(values) < 1 / TINY, values, np.nan)
     full_scale = float(about.get("full_scale", math.nan))
     units, kind = style.unit_text(str(about.get("units", ""))), str(about.get("kind", "analog"))

@@ -168,10 +168,10 @@ def round_up(value: float) -> float:
 
 
 def broken(name: str, width: int = 15) -> str:
-    """Break a long name at an underscore into two lines, the second cut short if need be."""
+    """Break a long name behind a dot or an underscore into two lines, the second cut if need be."""
     if len(name) <= width:
         return name
-    cut = name.rfind("_", 0, width) + 1 or width
+    cut = max(name.rfind(mark, 0, width) for mark in "._") + 1 or width
     rest = name[cut:]
     return f"{name[:cut]}\n{rest if len(rest) <= width else rest[: width - 1] + '…'}"
 
@@ -230,6 +230,15 @@ def provenance(about: Mapping[str, Any]) -> list[str]:
     told += [f"machine {about['machine']}"] if about.get("machine") else []
     told += [f"seed {about['seed']}"] if "seed" in about else []
     return told if told[0] else told[1:]
+
+
+def results(record: Any, name: str) -> Floats:
+    """The values of a signal of a record, NaN before an ADC or a word has its first result."""
+    values = np.asarray(record[name].values, dtype=np.float64)
+    first_s = float(record[name].attrs.get("first_result_s", -math.inf))
+    if first_s == -math.inf:
+        return values
+    return np.where(np.asarray(record["time"].values) >= first_s, values, np.nan)
 
 
 def envelope(time: Floats, values: Floats, columns: int = 2000) -> tuple[Floats, Floats]:

@@ -10,7 +10,7 @@ import numpy as np
 from hybrid.engine.helper_functions import ARGUMENT, TIMES, VALUE
 from hybrid.engine.linear import Player
 from hybrid.scale import to_seconds
-from hybrid.tables import ACTIONS, STOPS
+from hybrid.tables import ACTIONS, ENDLESS, STOPS
 from hybrid.tape import Site
 
 
@@ -50,15 +50,26 @@ class Outside:
 
     def __str__(self) -> str:
         site, unit = self.site, self.site.units[self.argument]
-        low, high = self.range
         asked = (
             f"{site.function} in word {site.word!r} was asked for {site.arguments[self.argument]} = "
-            f"{self.value:.6g}{unit and ' ' + unit}, outside {low:g} to {high:g}"
+            f"{beyond_text(self.value, unit, *self.range)}"
         )
         if self.action == STOPS:
             return asked
         often = "once" if self.times == 1 else f"{self.times} times, first"
         return f"{asked} ({often} at {self.time_s:.6g} s; {ACTIONS[self.action]})"
+
+
+def beyond_text(value: float, unit: str, low: float, high: float) -> str:
+    """A value and the range it is outside of, in as many digits as it takes to see that it is."""
+    for digits in range(6, 18):
+        told, first, last = (f"{x:.{digits}g}" for x in (value, low, high))
+        if told not in (first, last):
+            break
+    told = f"{told} {unit}".rstrip()
+    if high >= ENDLESS:
+        return f"{told}, below {first}"
+    return f"{told}, above {last}" if low <= -ENDLESS else f"{told}, outside {first} to {last}"
 
 
 def outside(player: Player) -> tuple[Outside, ...]:

@@ -35,8 +35,11 @@ class Files:
                 content = file.read(LARGEST_FILE + 1)
         except (OSError, ValueError) as error:
             reason = getattr(error, "strerror", None) or "no file has such a name"
+            variables = [found[0] or found[1] for found in _VARIABLE.findall(path.text)]
+            named = f", unless {' and '.join(variables)} says where it is" if variables else ""
             raise PatchError(
-                f"{what}: {quoted(name)} cannot be read: {reason}; paths are relative to the patch",
+                f"{what}: {quoted(name)} cannot be read: {reason}; paths are relative to the "
+                f"patch{named}",
                 path.place,
             ) from None
         if len(content) > LARGEST_FILE:

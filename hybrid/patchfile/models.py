@@ -9,15 +9,28 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 
+import numpy as np
+
 from hybrid.daveml import Model, Variable, limited, needed, read_model
 from hybrid.errors import PatchError, Place, did_you_mean, quoted
-from hybrid.expressions import Binary, ExpressionError, Name, Node, Number, names, previous_names
+from hybrid.expressions import (
+    Binary,
+    ExpressionError,
+    LookUp,
+    Name,
+    Node,
+    Number,
+    names,
+    previous_names,
+)
 from hybrid.fields import in_words, table_of
 from hybrid.language import MODEL_KEYS
 from hybrid.parsing import parse
 from hybrid.patch import Assignment
 from hybrid.patchfile.book import Book, Role
 from hybrid.s119 import unit_text
+from hybrid.tables import CLAMPS, ENDLESS, Axis
+from hybrid.tables import Table as LookUpTable
 from hybrid.units import Dimension, UnitError, unit_of
 from hybrid.yamltree import Table, Text, Tree
 
@@ -79,6 +92,7 @@ def _given(model: Model, table: Table, key: str, what: str) -> dict[str, Text]:
     for word, item, place in table_of(tree, f"{key} of {what}", "variable: text") if tree else ():
         variable = model.find(word)
         if variable is None:
+            _refuse_ambiguous(model, what, word, place)
             valid = model.inputs if key == "inputs" else model.variables.values()
             hint = did_you_mean(word, [name for v in valid for name in (v.name, v.id)])
             raise PatchError(f"{what}: the model has no variable {quoted(word)}; {hint}", place)
@@ -97,6 +111,7 @@ def model_names(book: Book) -> frozenset[str]:
         for name, use in book.models.items()
         for variable in use.model.variables.values()
         for word in (variable.name, variable.id)
+        if use.model.find(word)
     )
 
 
@@ -110,8 +125,20 @@ def refuse_model_name(book: Book, what: str, name: str, place: Place) -> None:
     model, _, word = name.rpartition(".")
     if model not in book.models:
         return
+    _refuse_ambiguous(book.models[model].model, what, word, place)
     hint = did_you_mean(word, book.models[model].model.outputs)
     raise PatchError(f"{what}: the model {model} has no variable {quoted(word)}; {hint}", place)
+
+
+def _refuse_ambiguous(model: Model, what: str, word: str, place: Place) -> None:
+    """Raise PatchError for a name that several variables have."""
+    ids = [variable.id for variable in model.variables.values() if variable.name == word]
+    if len(ids) > 1:
+        raise PatchError(
+            f"{what}: {len(ids)} variables of the model are named {quoted(word)}; say which by its "
+            f"varID, {' or '.join(ids)}",
+            place,
+        )
 
 
 def model_words(book: Book, read: Iterable[str], readable: frozenset[str]) -> dict[str, Assignment]:
@@ -170,7 +197,21 @@ def _connected(
     if isinstance(expr, Number) and expr.dimension.is_pure:  # a bare number is in SI units
         expr = Number(expr.value, dimension)
     low, high = (Number(limit * factor, dimension) for limit in variable.limits)
-    return Binary("/", limited(expr, low, high), Number(factor, dimension)), given.place
+    inside: Node = Binary("/", limited(expr, low, high), Number(factor, dimension))
+    return _watched(inside, expr, variable, use), given.place
+
+
+def _watched(inside: Node, expr: Node, variable: Variable, use: ModelUse) -> Node:
+    """An input with a table of zeros beside it, which a run asks so that it notices the limits."""
+    low, high = (min(max(limit, -ENDLESS), ENDLESS) for limit in variable.limits)
+    if (low, high) == (-ENDLESS, ENDLESS):
+        return inside
+    factor, dimension, _ = use.scale(variable)
+    points = np.array([low, high])
+    axis = Axis(variable.name, points, (low, high), CLAMPS, CLAMPS)
+    zeros = LookUpTable(f"{use.name}:{variable.name}", (axis,), np.zeros(2))
+    asked = Binary("/", expr, Number(factor, dimension))
+    return Binary("+", inside, LookUp(zeros, (asked,)))
 
 
 def check_input(book: Book, word: str, found: Dimension | None) -> None:

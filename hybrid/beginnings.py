@@ -1,0 +1,61 @@
+"""From when on the digital machine has something to show: its first samples and first results.
+
+Stage 3. Before, a state of the program stands at its initial value; what an ADC or a word would show
+is no result, so readouts and charts leave it out. The record has 0 there.
+"""
+
+from __future__ import annotations
+
+import itertools
+import math
+
+import numpy as np
+
+from hybrid.clockwork import Happening
+from hybrid.machine import Floats, Machine
+from hybrid.stretches import Stretches
+from hybrid.timeline import Timeline
+
+
+def initial_words(machine: Machine) -> Floats:
+    """What every word shows before its first result, (words,) in SI units: a state its initial value."""
+    tape = machine.tape
+    is_state = np.isin(tape.word_registers, tape.states[:, 0])
+    return np.where(is_state, tape.registers[tape.word_registers], 0.0)
+
+
+def first_results(machine: Machine, timeline: Timeline, seed: int) -> dict[str, float]:
+    """Tick from which on each ADC and each word shows what it has found; infinite where the run ends
+    before. States are not among them: they have a value from the start."""
+    found = _first_of_each(machine, timeline, seed)
+    tape = machine.tape
+    firsts = {
+        sampler.name: found.get((Happening.CONVERT, i), math.inf)
+        for i, sampler in enumerate(machine.samplers)
+    }
+    states = set(tape.states[:, 0].tolist())
+    starts = tape.starts[:, 1].tolist()
+    for task, (first, last) in enumerate(itertools.pairwise(starts)):
+        for word in range(first, last):
+            if tape.word_registers[word] not in states:
+                firsts[tape.words[word]] = found.get((Happening.END, task), math.inf)
+    return firsts
+
+
+def _first_of_each(
+    machine: Machine, timeline: Timeline, seed: int
+) -> dict[tuple[Happening, int], float]:
+    """Tick of the first conversion of every ADC and of the first end of every program."""
+    found: dict[tuple[Happening, int], float] = {}
+    due = len(machine.samplers) + len(machine.tape.starts) - 1
+    pieces = [(segment.start, list(segment.events)) for segment in timeline.segments]
+    if timeline.later:  # laid out once more: that of the run goes on by itself
+        start, _, events = next(iter(Stretches(machine, seed)))
+        pieces.append((start, events))
+    for start, events in pieces:
+        for offset, kind, index in events:
+            if kind in (Happening.CONVERT, Happening.END):
+                found.setdefault((Happening(kind), index), start + offset)
+        if len(found) == due:
+            break
+    return found
