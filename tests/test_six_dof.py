@@ -163,3 +163,43 @@ def test_a_cylinder_swings_like_a_pendulum_of_twice_the_angle() -> None:
     # A row a minute: the chord is off by at most (w h)^2/8 of the amplitude, 0.18 % of 1/w or 0.9 s.
     np.testing.assert_allclose(crossings, period * (0.25 + np.arange(len(crossings))), atol=0.9)
     assert len(crossings) >= 2 and np.degrees(swing.max()) == pytest.approx(5.0, abs=0.01)
+
+
+def test_the_singularity_of_the_angles_is_passed_and_told() -> None:
+    """Over the top at a steady rate: the pitch rises to 90 deg and falls again, yaw and roll turn over."""
+    text = """
+title: Over the top
+parts:
+  attitude:
+    file: parts/attitude_digital.yaml
+    inputs: {p: 0 rad/s, q: 0.5 rad/s, r: 0 rad/s}
+    parameters: {latitude: 0}
+  angles:
+    file: parts/angles.yaml
+    inputs:
+      s: attitude.s
+      x: attitude.x
+      y: attitude.y
+      z: attitude.z
+      latitude: 0
+      longitude: 0
+      turned: 0
+digital: {period: 10 ms, compute_time: 0, integration: rk4}
+run: {until: 6.2 s}
+"""
+    made = hybrid.run(hybrid.parse_patch(text), machine="ideal")
+    record = made.record
+    turned_by = 0.5 * record["time"].values
+    shown = {name: record[f"angles.{name}"].values for name in ("yaw", "pitch", "roll")}
+    before = turned_by < np.pi / 2
+    expected = np.where(before, turned_by, np.pi - turned_by)
+    np.testing.assert_allclose(shown["pitch"], expected, atol=1e-9)
+    for name in ("yaw", "roll"):
+        np.testing.assert_allclose(np.abs(shown[name]), np.where(before, 0.0, np.pi), atol=1e-9)
+    size = sum(record[f"attitude.{name}"].values ** 2 for name in "sxyz")
+    np.testing.assert_allclose(size, 1.0, atol=1e-12)  # the attitude knows nothing of it
+    # A cycle every 0.005 rad: 7 of them within 1 deg of 90 deg, the first after 89 deg.
+    assert np.count_nonzero(np.abs(turned_by - np.pi / 2) < np.radians(1.0)) == 7
+    (told,) = made.outside
+    assert (told["function"], told["times"], told["action"]) == ("angles.gimbal", 7, "clamped")
+    assert told["time_s"] == 3.11 and "angles.gimbal" in made.status_note
