@@ -26,6 +26,7 @@ from hybrid.options import (
     patch_and_parameters,
     sweep_file,
     swept_range,
+    with_chosen,
     with_until,
     writable,
 )
@@ -92,7 +93,7 @@ def run_command(options: argparse.Namespace) -> int:
 
 def _run(options: argparse.Namespace, filing: Filing) -> int:
     patch, parameters = patch_and_parameters(options)
-    patch = with_until(patch, options.until)
+    patch, pens = with_chosen(with_until(patch, options.until), options.pens)
     if options.xy:
         from hybrid.charts.plotter import save_plots, with_pens
 
@@ -123,7 +124,7 @@ def _run(options: argparse.Namespace, filing: Filing) -> int:
         result = run(machine, seed=options.seed, progress=progress, engine=engine)
         interrupts.ignore()
     modes = None if isinstance(prediction, str) else prediction.to_dicts()
-    filing.write(result.parts(), result.readouts, modes, stem)
+    filing.write(result.parts(), result.readouts, modes, stem, pens)
     if not options.json:
         import hybrid.show  # noqa: F401  # takes half as long as drawing, so meanwhile
     files = filing.written()

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import sys
 import threading
+from collections.abc import Sequence
 from contextlib import suppress
 from multiprocessing import get_all_start_methods, get_context
 from multiprocessing.connection import Connection
@@ -60,9 +61,13 @@ class Filing:
         readouts: dict[str, dict[str, Any]],
         prediction: list[dict[str, Any]] | None,
         stem: Path,
+        pens: Sequence[str] | None = None,
     ) -> None:
-        """Have `stem`.nc and, if asked for, `stem`.png written; `written` waits for them."""
-        self.work = (parts, readouts, prediction, stem, self.chart)
+        """Have `stem`.nc and, if asked for, `stem`.png written; `written` waits for them.
+
+        pens: the signals that the chart draws; the first of the record if not given.
+        """
+        self.work = (parts, readouts, prediction, stem, self.chart, pens)
         with suppress(OSError):  # the process was killed, as `written` will find, too
             self.line.send(self.work)
 
@@ -93,6 +98,7 @@ def write_files(
     prediction: list[dict[str, Any]] | None,
     stem: Path,
     chart: bool,
+    pens: Sequence[str] | None = None,
 ) -> list[str]:
     """Write the record and the strip chart; each file appears whole or not at all."""
     from hybrid.storage import PlainRecord, write_parts, write_whole
@@ -103,7 +109,7 @@ def write_files(
         return [str(record_file)]
     from hybrid.charts.strip import save, strip_chart
 
-    figure = strip_chart(PlainRecord(parts), readouts=readouts, prediction=prediction)
+    figure = strip_chart(PlainRecord(parts), readouts, prediction, signals=pens)
     chart_file = stem.with_name(stem.name + ".png")
     write_whole(chart_file, lambda part: save(figure, part))
     return [str(record_file), str(chart_file)]

@@ -10,9 +10,11 @@ from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NoReturn
 
-from hybrid.errors import RunError, quoted
+from hybrid.errors import RunError, did_you_mean, quoted
 from hybrid.machines import PRESETS
 from hybrid.version import __version__
+
+MOST_PENS = 12  # of a strip chart
 
 if TYPE_CHECKING:
     from hybrid.patch import Patch
@@ -120,6 +122,11 @@ def _run(made: argparse.ArgumentParser) -> None:
     )
     made.add_argument("--no-chart", action="store_true", help="write the record only")
     made.add_argument(
+        "--pens",
+        metavar="SIGNAL[,SIGNAL]",
+        help="the signals that the strip chart draws, in order (default: the first 12 of the record)",
+    )
+    made.add_argument(
         "--xy",
         action="append",
         default=[],
@@ -212,6 +219,21 @@ def with_until(patch: Patch, text: str | None) -> Patch:
     if text is None:
         return patch
     return replace(patch, run=replace(patch.run, until=parse_duration(text, "--until")))
+
+
+def with_chosen(patch: Patch, pens: str | None) -> tuple[Patch, list[str] | None]:
+    """The signals of --pens, and the patch with them in its record, too."""
+    if pens is None:
+        return patch, None
+    names = list(dict.fromkeys(name.strip() for name in pens.split(",")))
+    for name in names:
+        if name not in patch.signals:
+            raise RunError(f"--pens: no signal {quoted(name)}; {did_you_mean(name, patch.signals)}")
+    if len(names) > MOST_PENS:
+        raise RunError(f"--pens names {len(names)} signals; a strip chart has {MOST_PENS} pens")
+    if not patch.record:  # all are in it
+        return patch, names
+    return replace(patch, record=tuple(dict.fromkeys((*patch.record, *names)))), names
 
 
 def swept_range(over: str) -> tuple[str, str]:

@@ -166,7 +166,7 @@ def test_a_cylinder_swings_like_a_pendulum_of_twice_the_angle() -> None:
 
 
 def test_the_singularity_of_the_angles_is_passed_and_told() -> None:
-    """Over the top at a steady rate: the pitch rises to 90 deg and falls again, yaw and roll turn over."""
+    """Over the top at a steady rate: the pitch rises to 90 deg and falls, yaw and roll turn over."""
     text = """
 title: Over the top
 parts:

@@ -1,0 +1,58 @@
+"""hybrid run --pens: which signals the strip chart draws."""
+
+import pytest
+from test_bad_input import complaint, here  # noqa: F401
+
+from hybrid import filing
+from hybrid.charts import strip
+from hybrid.cli import main
+from hybrid.options import MOST_PENS
+
+PATCH = """\
+title: Pens
+analog:
+  x: {integrate: {y: 1}, initial: 1, full_scale: 2}
+  y: {integrate: {x: -1}, initial: 0, full_scale: 2}
+  z: {sum: {x: 1, y: 1}, full_scale: 4}
+run: {until: 1 s, every: 10 ms}
+record: [x, y]
+"""
+
+
+def test_the_chosen_pens_are_drawn_in_order_and_recorded(here, monkeypatch):  # noqa: F811
+    (here / "pens.yaml").write_text(PATCH)
+    drawn = []
+
+    monkeypatch.setattr(filing.Filing, "written", lambda self: filing.write_files(*self.work))
+    original = strip.strip_chart
+
+    def chart(record, *given, signals):
+        drawn.append((list(record.data_vars), signals))
+        return original(record, *given, signals=signals)
+
+    monkeypatch.setattr(strip, "strip_chart", chart)
+    assert main(["run", "pens.yaml", "--pens", "z, x,z"]) == 0
+    assert main(["run", "pens.yaml"]) == 0
+    assert drawn == [(["x", "y", "z"], ["z", "x"]), (["x", "y"], None)]
+    assert MOST_PENS == strip.MAX_LANES
+
+
+@pytest.mark.parametrize(
+    ("pens", "said"),
+    [
+        ("x,w", "--pens: no signal 'w'; valid: x, y, z"),
+        ("", "--pens: no signal ''"),
+        (",".join(f"s{i}" for i in range(13)), "no signal 's0'"),
+    ],
+)
+def test_pens_that_cannot_be(here, capsys, pens, said):  # noqa: F811
+    (here / "pens.yaml").write_text(PATCH)
+    assert said in complaint(capsys, here, "pens.yaml", "--pens", pens, verb="run")
+
+
+def test_a_chart_has_twelve_pens(here, capsys):  # noqa: F811
+    more = "".join(f"  s{i}: {{sum: {{x: 1}}, full_scale: 4}}\n" for i in range(13))
+    (here / "pens.yaml").write_text(PATCH.replace("run:", f"{more}run:", 1))
+    names = ",".join(f"s{i}" for i in range(13))
+    said = complaint(capsys, here, "pens.yaml", "--pens", names, verb="run")
+    assert said == "--pens names 13 signals; a strip chart has 12 pens"
