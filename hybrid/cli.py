@@ -9,6 +9,7 @@ what was computed is kept.
 from __future__ import annotations
 
 import argparse
+import functools
 import json
 import sys
 from collections.abc import Callable, Mapping
@@ -47,6 +48,7 @@ if TYPE_CHECKING:
     from hybrid.prediction import Prediction
     from hybrid.sweeps import Sweep
 
+Charts = Callable[[Any, Path], list[str]]  # draws a result into files, the first of that name
 EXIT_STOPPED, EXIT_MISTAKE, EXIT_INTERRUPTED = 1, 2, 130
 
 
@@ -218,7 +220,7 @@ def sweep_command(options: argparse.Namespace) -> int:
     first = check_sweep(
         patch, name, values, parameters, options.machine, options.serial, options.jobs
     )
-    writable(out, out.with_suffix(".png"))
+    writable(out, out.with_suffix(".png"), out.with_name(f"{out.stem}_readouts.png"))
     say_if_compiling(first, engine_of(first, "auto"))
     interrupts.hear()
     with Progress("sweeping") as progress:
@@ -234,7 +236,7 @@ def sweep_command(options: argparse.Namespace) -> int:
             progress=progress,
         )
         interrupts.ignore()
-    files = _written(options, result, out, _coupling_chart)
+    files = _written(options, result, out, _sweep_charts)
     if not options.json:
         from hybrid.show import show_sweep
 
@@ -243,9 +245,9 @@ def sweep_command(options: argparse.Namespace) -> int:
 
 
 def _written(
-    options: argparse.Namespace, result: Sweep | Batch, out: Path, chart: Callable[[Any, Path], str]
+    options: argparse.Namespace, result: Sweep | Batch, out: Path, charts: Charts
 ) -> list[str]:
-    """Write the data and the chart of many runs, and print them if JSON is asked for; the files."""
+    """Write the data and the charts of many runs, and print them if JSON is asked for; the files."""
     from hybrid.storage import write_dataset
 
     if not result.points:
@@ -253,7 +255,7 @@ def _written(
     write_dataset(result.dataset, out)
     files = [str(out)]
     if not options.no_chart:
-        files.append(chart(result, out.with_suffix(".png")))
+        files += charts(result, out.with_suffix(".png"))
     if options.json:
         print_json(**result.to_dict(), files=files)
     return files
@@ -298,7 +300,7 @@ def batch_command(options: argparse.Namespace) -> int:
     return _exit_of(result)
 
 
-def _ensemble_chart(result: Batch, path: Path) -> str:
+def _ensemble_chart(result: Batch, path: Path) -> list[str]:
     from hybrid.charts.ensemble import Across, Spread, ensemble_chart
     from hybrid.charts.style import save
     from hybrid.storage import write_whole
@@ -314,17 +316,18 @@ def _ensemble_chart(result: Batch, path: Path) -> str:
     spreads = [Spread(name, *figure) for name, figure in result.figures().items()]
     figure = ensemble_chart(title, facts, spreads, across)
     write_whole(path, lambda part: save(figure, part))
-    return str(path)
+    return [str(path)]
 
 
-def _coupling_chart(result: Sweep, path: Path) -> str:
-    from hybrid.charts.coupling import coupling_chart
-    from hybrid.charts.strip import save
+def _sweep_charts(result: Sweep, path: Path) -> list[str]:
+    from hybrid.charts.readings import sweep_charts
+    from hybrid.charts.style import save
     from hybrid.storage import write_whole
 
-    figure = coupling_chart(result.dataset)
-    write_whole(path, lambda part: save(figure, part))
-    return str(path)
+    drawn = sweep_charts(result.dataset, path)
+    for file, figure in drawn.items():
+        write_whole(file, functools.partial(save, figure))
+    return [str(file) for file in drawn]
 
 
 def check_command(options: argparse.Namespace) -> int:

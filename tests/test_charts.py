@@ -13,6 +13,7 @@ from matplotlib.figure import Figure
 from matplotlib.image import imread
 
 from hybrid.charts import coupling_chart, save, strip_chart
+from hybrid.charts.readings import readings_chart, sweep_charts
 from hybrid.charts.strip import MAX_LANES, _table_rows, lane_limits
 from hybrid.charts.style import broken, duration, envelope, number, round_up, unit_text
 from hybrid.errors import RunError
@@ -519,6 +520,54 @@ class TestCouplingChart:
             coupling_chart(make_sweep().expand_dims(gain=[1.0, 2.0]))
         with pytest.raises(ValueError, match="needs numbers"):
             coupling_chart(make_sweep().assign_coords(cycle=list("abcde")))
+
+
+class TestReadingsChart:
+    def make(self, cycles=(4.0, 1.0, 2.0, 16.0), fuel=(8.0, 2.0, 4.0, 64.0), **about):
+        """A sweep with two readouts that are no transients, values out of order."""
+        count = len(cycles)
+        of = {"readout": "final", "signal": "fuel"}
+        variables = {
+            "value_fuel": ("cycle", list(fuel), {"units": "g", **of}),
+            "value_swing": ("cycle", [-1.0, NAN, 0.0, 1.0][:count], {"units": "", **of}),
+            "status": ("cycle", np.array(["complete"] * count, dtype=object)),
+        }
+        coordinates = {"cycle": ("cycle", list(cycles), {"units": "ms"})}
+        about = {"title": "Jets", "parameter": "cycle", "status": "complete", **about}
+        return xr.Dataset(variables, coordinates, about)
+
+    def test_every_readout_is_a_curve_over_the_parameter_in_order(self):
+        fuel, swing = readings_chart(self.make()).axes
+        np.testing.assert_array_equal(fuel.lines[0].get_xdata(), [1.0, 2.0, 4.0, 16.0])
+        np.testing.assert_array_equal(fuel.lines[0].get_ydata(), [2.0, 4.0, 8.0, 64.0])
+        np.testing.assert_array_equal(swing.lines[0].get_xdata(), [2.0, 4.0, 16.0])
+        assert (fuel.get_xlabel(), fuel.get_ylabel()) == ("cycle, ms", "fuel (final fuel), g")
+        assert (fuel.get_xscale(), fuel.get_yscale(), swing.get_yscale()) == (
+            "log",
+            "log",
+            "linear",
+        )
+
+    def test_narrow_ranges_are_even(self):
+        (fuel, _) = readings_chart(self.make((1.0, 2.0, 7.0), (1.0, 2.0, 7.0))).axes
+        assert (fuel.get_xscale(), fuel.get_yscale()) == ("linear", "linear")
+
+    def test_a_sweep_without_modes_has_this_chart_alone(self, tmp_path):
+        file = tmp_path / "a.png"
+        alone = self.make().assign_coords(mode=[], readout=[])
+        assert list(sweep_charts(alone, file)) == [file]
+        both = make_sweep(parameter="cycle")
+        both["value_fuel"] = ("cycle", np.arange(5.0), {"readout": "final", "signal": "fuel"})
+        assert list(sweep_charts(both, file)) == [file, tmp_path / "a_readouts.png"]
+        assert list(sweep_charts(make_sweep(), file)) == [file]
+
+    def test_what_is_missing_is_told(self):
+        sweep = self.make(status="interrupted")
+        sweep["status"][1] = "stopped"
+        sweep["value_swing"] *= NAN
+        shown = texts(readings_chart(sweep))
+        assert "1 of 4 runs did not complete." in shown
+        assert any(text.startswith("Interrupted") for text in shown)
 
 
 def test_an_overdamped_measurement_has_both_poles_in_the_table():

@@ -165,7 +165,8 @@ def test_the_answer_of_sweep(capsys: pytest.CaptureFixture[str]) -> None:
         assert point.keys() == POINT
         assert point["readouts"]["mode"].keys() == TRANSIENT | ERRORS
         assert point["modes"][0].keys() == MODE
-    assert found["files"] == ["x/a.nc", "x/a.png"]
+    assert found["files"] == ["x/a.nc", "x/a.png", "x/a_readouts.png"]
+    assert all(Path(file).stat().st_size for file in found["files"])
     with xr.open_dataset("x/a.nc") as data:
         assert data["value_top"].attrs["units"] == "rad/s"
 
