@@ -122,7 +122,8 @@ def swept(patch: str, cycles_s: Sequence[float]) -> list[float]:
     data = hybrid.sweep(patch, "cycle", cycles_s, machine="lags").dataset
     assert (data["status"] == "complete").all()
     used = (data["value_propellant"] - data["value_acquired"]) / 1000
-    return list(used.values / (data["time_propellant"] - data["time_acquired"]).values)
+    over_s = data["time_propellant"] - data["time_acquired"]
+    return [float(rate) for rate in (used / over_s).values]
 
 
 def row(cycle_s: float, law: str, found: float, axes: float | None, form: float) -> dict:
