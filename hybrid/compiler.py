@@ -81,7 +81,7 @@ def compile_patch(
         steps += _mode_changes(operation, analog.inputs.index(TIMED_MODE))
     adcs = sorted(patch.adcs, key=lambda adc: adc.name)
     dacs = sorted(patch.dacs, key=lambda dac: dac.name)
-    tape = _tape(scope, patch, tuple(adc.name for adc in adcs), _step_s(patch, scope))
+    tape = _tape(scope, patch, tuple(adc.name for adc in adcs), _steps_s(patch, scope))
     timing = _timing(patch, tape, scope, time_scale)
     scales = dict(zip(analog.signals, analog.full_scale.tolist(), strict=True))
     return Machine(
@@ -124,13 +124,16 @@ def _draw_stages(
 
 # Most parameters of a sweep change neither; T changes the program only where it is written in it.
 _stages = KeptByUse(_draw_stages)
-_tape = KeptByUse(lambda scope, patch, adcs, step: build_tape(patch.program, adcs, scope, step))
+_tape = KeptByUse(lambda scope, patch, adcs, steps: build_tape(patch.program, adcs, scope, steps))
 
 
-def _step_s(patch: Patch, scope: Mapping[str, float]) -> float:
-    """Step of the integration formulas; 0 where there are none, so that the tape is one for every T."""
-    program = patch.program
-    return to_seconds(ticks_of(program.period, scope)) if program and program.states else 0.0
+def _steps_s(patch: Patch, scope: Mapping[str, float]) -> tuple[float, ...]:
+    """Step of the integration formulas of each program; 0 where there are none, so that the tape is one
+    for every T."""
+    return tuple(
+        to_seconds(ticks_of(single.period, scope)) if single.states else 0.0
+        for single in (patch.program.programs if patch.program else ())
+    )
 
 
 def find_preset(patch: Patch, machine: str | None) -> Preset:

@@ -287,7 +287,8 @@ def _ideal_once(patch: Patch, bound: tuple[tuple[str, float], ...]) -> Complex:
         b, c, d = converter_paths(patch, analog)
         adcs = tuple(sorted(adc.name for adc in patch.adcs))
         perfect = replace(patch.program, word=WordSettings(), lengths={})
-        program = linear_program(build_tape(perfect, adcs, scope, 0.0), len(adcs))
+        steps_s = [0.0] * len(perfect.programs)
+        program = linear_program(build_tape(perfect, adcs, scope, steps_s), len(adcs))
         words, rates = program.steady()
         sampled, integrated = np.s_[: len(adcs)], np.s_[len(adcs) : -1]
         loop = np.eye(len(words)) - words[:, sampled] @ d

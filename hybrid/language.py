@@ -266,7 +266,7 @@ STATE_KEYS = (
 )
 
 # What each task has for itself.
-ONE_PROGRAM_KEYS = ("period", "compute_time", "program")
+ONE_PROGRAM_KEYS = ("period", "compute_time", "program", "states")
 
 TASK_KEYS = (
     Key(
@@ -315,7 +315,16 @@ TASK_KEYS = (
         Bound.NOT_NEGATIVE,
         default="0 s",
     ),
-    Key("program", Holds.TERMS, "assignments, word: arithmetic", required=True),
+    Key("program", Holds.TERMS, "assignments, word: arithmetic; needed where there are no states"),
+    Key("states", Holds.TERMS, "words that the task integrates, its period being the step"),
+    Key(
+        "integration",
+        Holds.TEXT,
+        "integration formula of its states that name none",
+        default="that of digital",
+    ),
+    Key("word", Holds.TEXT, "word length of its words, or a mapping", default="that of digital"),
+    Key("words", Holds.TERMS, "word lengths of single words and states", default="that of word"),
 )
 
 TABLE_KEYS = (
@@ -458,6 +467,7 @@ PART_KEYS = (
     Key("use", Holds.TEXT, "a definition of this file (or of `file`) by name"),
     Key("inputs", Holds.TERMS, "input: signal; arithmetic, where the input is a word"),
     Key("parameters", Holds.TERMS, "parameter: quantity"),
+    Key("task", Holds.TEXT, "which task computes its words, of a machine with tasks"),
 )
 
 TOP_KEYS = (

@@ -10,7 +10,7 @@ import functools
 import itertools
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 from hybrid.errors import NOWHERE, PatchError, Place, did_you_mean, quoted
 from hybrid.expressions import ExpressionError, Node, Number, evaluate, names
@@ -208,6 +208,7 @@ class Task:
     words: tuple[str, ...]
     place: Place = NOWHERE
     jitter: Value | None = None
+    states: tuple[str, ...] = ()  # which states it integrates, by name
 
 
 @dataclass(frozen=True, slots=True)
@@ -236,8 +237,11 @@ class Program:
 
     @property
     def written(self) -> tuple[Assignment | State, ...]:
-        """Every word with its arithmetic: assignments, then states."""
-        return (*self.assignments, *self.states)
+        """Every word with its arithmetic: of each program the assignments, then the states."""
+        found: list[Assignment | State] = []
+        for single in self.programs:
+            found += [*single.assignments, *single.states]
+        return tuple(found)
 
     @property
     def words(self) -> tuple[str, ...]:
@@ -245,12 +249,22 @@ class Program:
         return tuple(entry.word for entry in self.written)
 
     @property
-    def programs(self) -> tuple[tuple[Assignment, ...], ...]:
-        """The assignments of each task, or of the one program."""
+    def programs(self) -> tuple[Program, ...]:
+        """Each of several programs as if it were the only one; itself where it is."""
         if not self.tasks:
-            return (self.assignments,)
+            return (self,)
         by_word = {assignment.word: assignment for assignment in self.assignments}
-        return tuple(tuple(by_word[word] for word in task.words) for task in self.tasks)
+        by_state = {state.word: state for state in self.states}
+        return tuple(
+            replace(
+                self,
+                period=task.period,
+                assignments=tuple(by_word[word] for word in task.words),
+                states=tuple(by_state[word] for word in task.states),
+                tasks=(),
+            )
+            for task in self.tasks
+        )
 
     @property
     def periods(self) -> tuple[Value, ...]:

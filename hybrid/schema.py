@@ -128,7 +128,10 @@ def json_schema() -> dict[str, Any]:
                     "anyOf": [{"required": ["analog"]}, {"required": ["digital"]}],
                     "properties": {
                         "digital": {
-                            "anyOf": [{"required": [key]} for key in ("program", "states", "tasks")]
+                            "anyOf": [*_computes(), {"required": ["tasks"]}],
+                            "properties": {
+                                "tasks": {"additionalProperties": {"anyOf": _computes()}}
+                            },
                         }
                     },
                 },
@@ -136,6 +139,11 @@ def json_schema() -> dict[str, Any]:
         ],
         "examples": [EXAMPLE],
     }
+
+
+def _computes() -> list[dict[str, Any]]:
+    """What a program cannot be without."""
+    return [{"required": [key]} for key in ("program", "states")]
 
 
 def _put(contents: Mapping[str, Any], made: dict[str, Any]) -> None:
@@ -207,9 +215,9 @@ def _machine() -> dict[str, Any]:
         "description": doc,
         "examples": examples,
     }
-    made["properties"]["tasks"] |= _map(_object(language.TASK_KEYS), {}) | {"minProperties": 1}
+    made["properties"]["tasks"] |= _map(_digital(language.TASK_KEYS), {}) | {"minProperties": 1}
     one = [key.name for key in language.DIGITAL_KEYS if key.required]
-    of_one = (*language.ONE_PROGRAM_KEYS, "states", "integration")
+    of_one = language.ONE_PROGRAM_KEYS
     return {
         **made,
         "required": [],

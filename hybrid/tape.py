@@ -7,7 +7,7 @@ temporaries. Sub-expressions of parameters alone are computed here once and beco
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from enum import IntEnum
 
 import numpy as np
@@ -36,6 +36,7 @@ from hybrid.integration import (
     TO_START,
     TO_START_NEXT,
     Branch,
+    Kept,
     Statement,
     kept,
     next_of,
@@ -182,7 +183,7 @@ class Tape:
     memory: npt.NDArray[np.int32]  # (remembered, 4), see Memory; in the order in which they change
     places: tuple[Place, ...]  # of the words in the patch file
     states: npt.NDArray[np.int32]  # (states, 2): register of the state, of its rate
-    starting: int | None  # register that counts the cycles down in which formulas start
+    starting: tuple[int, ...]  # registers that count the cycles down in which formulas start
     shared: npt.NDArray[np.int32]  # (words read of other programs, 2): register, word
     # (programs + 1, 4): first row of code, words, memory and shared of each program, and of the next
     starts: npt.NDArray[np.int64]
@@ -199,7 +200,6 @@ class _Builder:
         self.scope = scope
         self.remember = program.remember if program else {}
         self.words = program.words if program else ()
-        self.stepped = [stepped_of(state) for state in program.states] if program else []
         self.values: list[float] = []
         self.place: dict[str, int] = {}
         self.fixed: set[str] = set()  # names that keep their register
@@ -214,7 +214,7 @@ class _Builder:
         self.length = dict.fromkeys(self.words, usual)
         if program:
             self.length |= {word: own.bound(scope) for word, own in program.lengths.items()}
-        self.kept = kept(program, self.first_of) if program else ()
+        self.kept: tuple[Kept, ...] = ()  # of the program that is being compiled
         self.rounding = FLOAT64  # of what is being computed
         self.length_of: list[WordLength] = []
 
@@ -363,9 +363,15 @@ class _Builder:
                 first.place,
             ) from None
 
-    def fix_registers(self, adcs: Sequence[str]) -> None:
-        """Give a register to all that is read before it is computed, or is computed in branches."""
-        for name in (*adcs, *self.words, *(entry.name for entry in self.kept), *self.stepped):
+    def begin(self, program: Program, known: Mapping[str, int]) -> None:
+        """Give a register to all that is read before it is computed, or is computed in branches.
+
+        known: registers of the names that all programs see.
+        """
+        self.kept = kept(program, self.first_of)
+        stepped = [stepped_of(state) for state in program.states]
+        self.place = dict(known)
+        for name in (*(entry.name for entry in self.kept), *stepped):
             if name not in self.place:
                 self.place[name] = self.register()
         for entry in self.kept:
@@ -412,13 +418,6 @@ class _Builder:
             self.memory.append((self.place[entry.name], self.place[entry.source], 0, 0))
 
 
-def _alone(program: Program | None) -> tuple[Program, ...]:
-    """Each of several programs as if it were the only one; states are of a single one."""
-    if program is None or not program.tasks:
-        return (program,) if program else ()
-    return tuple(replace(program, assignments=own, tasks=()) for own in program.programs)
-
-
 def _foreign(program: Program) -> frozenset[str]:
     """The names that a program reads and does not compute itself."""
     read = frozenset[str]().union(
@@ -428,25 +427,29 @@ def _foreign(program: Program) -> frozenset[str]:
 
 
 def build_tape(
-    program: Program | None, adcs: tuple[str, ...], scope: Mapping[str, float], step_s: float
+    program: Program | None,
+    adcs: tuple[str, ...],
+    scope: Mapping[str, float],
+    steps_s: Sequence[float],
 ) -> Tape:
     """Compile `program` for the parameter values in `scope`; ADC words take registers 0, 1, ...
 
-    step_s: step of the integration formulas, the period of the program.
+    steps_s: steps of the integration formulas, the period of each program.
     """
     build = _Builder(program, scope)
-    build.fix_registers(adcs)
     written = {entry.word: entry.place for entry in program.written} if program else {}
-    own, shared, starts = dict(build.place), list[tuple[int, int]](), [(0, 0, 0, 0)]
-    for single in _alone(program):
+    own = {name: build.register() for name in (*adcs, *build.words)}
+    shared, states, starting = list[tuple[int, int]](), list[tuple[int, int]](), list[int]()
+    starts = [(0, 0, 0, 0)]
+    for single, step_s in zip(program.programs if program else (), steps_s, strict=True):
         foreign = sorted(_foreign(single) & own.keys() - set(adcs))
-        build.place = own | {name: build.register() for name in foreign}
+        build.begin(single, own | {name: build.register() for name in foreign})
         shared += [(build.place[name], build.words.index(name)) for name in foreign]
         build.play(written_out(single, step_s), written)
+        states += [(build.place[s.word], build.place[rate_of(s.word)]) for s in single.states]
+        starting += [build.place[TO_START]] if TO_START in build.place else []
         known = starts[-1][1] + len(single.words)
         starts.append((len(build.code), known, len(build.memory), len(shared)))
-    integrated = program.states if program else ()
-    states = [(build.place[s.word], build.place[rate_of(s.word)]) for s in integrated]
     return Tape(
         build.words,
         np.array(build.code, dtype=np.int32).reshape(-1, 4),
@@ -456,7 +459,7 @@ def build_tape(
         np.array(build.memory, dtype=np.int32).reshape(-1, len(Memory)),
         tuple(written.values()),
         np.array(states, dtype=np.int32).reshape(-1, 2),
-        build.place.get(TO_START),
+        tuple(starting),
         np.array(shared, dtype=np.int32).reshape(-1, 2),
         np.array(starts, dtype=np.int64),
         tuple(build.sites),

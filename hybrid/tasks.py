@@ -148,8 +148,8 @@ def task_of_adc(adc: Adc, program: Program, tasks: tuple[TaskTiming, ...]) -> in
         return next(i for i, task in enumerate(tasks) if task.name == adc.task)
     readers = [
         i
-        for i, written in enumerate(program.programs)
-        if any(adc.name in names(assignment.expr) for assignment in written)
+        for i, single in enumerate(program.programs)
+        if any(adc.name in names(expr) for entry in single.written for expr in entry.reads)
     ]
     return min(readers or range(len(tasks)), key=lambda i: tasks[i].rank)
 
@@ -158,4 +158,4 @@ def task_of_dac(dac: Dac, program: Program) -> int:
     """The task that ends when a DAC shows its word: the one it names, else the one that computes it."""
     if dac.transfer is not None:
         return next(i for i, task in enumerate(program.tasks) if task.name == dac.transfer)
-    return next(i for i, task in enumerate(program.tasks) if dac.word in task.words)
+    return next(i for i, single in enumerate(program.programs) if dac.word in single.words)

@@ -41,12 +41,6 @@ MOST_ENTRIES = {
 }
 
 
-# What only a machine with one program has, and what is of the whole machine.
-STATE_SECTIONS = ("states", "integration")
-WORD_SECTIONS = ("word", "words")
-_WORDS_OF_TASKS = "give word and words in digital, for the words of all tasks"
-
-
 class Role(Enum):
     """What a name stands for."""
 
@@ -179,6 +173,13 @@ class Book:
                 "digital has no program; add program: (assignments, word: arithmetic) or states:",
                 self.root.places["digital"],
             )
+        for name, task, place in tasks:
+            if not {"program", "states"} & task.entries.keys():
+                raise PatchError(
+                    f"task {name!r} has no program; add program: (assignments, word: arithmetic) or "
+                    "states:",
+                    place,
+                )
         for within in [task for _, task, _ in tasks] or [digital]:
             self._take_program(within)
 
@@ -216,18 +217,11 @@ def digital_keys(digital: Table) -> tuple[Key, ...]:
     for key in ONE_PROGRAM_KEYS:
         if key in digital.entries:
             raise PatchError(
-                f"digital has both tasks and {key}; give each task a {key} of its own",
+                f"digital has both tasks and {key}; give each task "
+                + ("the states that it integrates" if key == "states" else f"a {key} of its own"),
                 digital.places[key],
             )
-    for key in STATE_SECTIONS:
-        if key in digital.entries:
-            raise PatchError(
-                f"digital has both tasks and {key}; states are of a machine with one program: give "
-                "period and program in place of tasks, or integrate in a task with previous(...)",
-                digital.places[key],
-            )
-    without = (*ONE_PROGRAM_KEYS, *STATE_SECTIONS)
-    return tuple(key for key in DIGITAL_KEYS if key.name not in without)
+    return tuple(key for key in DIGITAL_KEYS if key.name not in ONE_PROGRAM_KEYS)
 
 
 def tasks_of(digital: Table) -> list[tuple[str, Table, Place]]:
@@ -243,12 +237,6 @@ def tasks_of(digital: Table) -> list[tuple[str, Table, Place]]:
     for name, tree, place in sorted(_limited(section, "tasks"), key=lambda entry: entry[0]):
         check_name(name, place, "task")
         table = table_of(tree, f"task {quoted(name)}")
-        for key in (*STATE_SECTIONS, *WORD_SECTIONS):
-            if key in table.entries:
-                advice = (
-                    "integrate with previous(...)" if key in STATE_SECTIONS else _WORDS_OF_TASKS
-                )
-                raise PatchError(f"task {name!r} cannot have {key}; {advice}", table.places[key])
         only_keys(table, TASK_KEYS, f"task {name!r}", place)
         found.append((name, table, place))
     return found

@@ -32,6 +32,8 @@ WITHIN_DIGITAL = {
     "remember": "word: first value",
     "words": "word: word length",
 }
+# Of these, what each of several tasks has for itself.
+OF_TASKS = ("program", "states", "words")
 _NAMING = ("parameters", "tables", "models", "analog", "interface", "program", "states")
 
 
@@ -57,7 +59,24 @@ class Definition:
     def entries(self, *sections: str) -> Iterator[tuple[str, Tree, Place]]:
         """Name, tree and place of all that stands in these sections."""
         for section in sections:
-            yield from self.section(section) or ()
+            yield from (entry for _, entry in self.by_task(section))
+
+    def by_task(self, section: str) -> Iterator[tuple[str, tuple[str, Tree, Place]]]:
+        """The same of one section, each with the task that it stands in; "" where it stands in none."""
+        yield from (("", entry) for entry in self.section(section) or ())
+        if section not in OF_TASKS:
+            return
+        for task, table in self.tasks().items():
+            tree = table.entries.get(section)
+            for entry in table_of(tree, section, WITHIN_DIGITAL[section]) if tree else ():
+                yield task, entry
+
+    def tasks(self) -> dict[str, Table]:
+        """The tasks of its digital machine by name, those that are mappings."""
+        digital = self.section("digital")
+        tree = digital.entries.get("tasks") if digital else None
+        found = tree.entries.items() if isinstance(tree, Table) else ()
+        return {name: task for name, task in found if isinstance(task, Table)}
 
     def defines(self, name: str) -> bool:
         """Whether a signal, word or parameter has this name."""

@@ -14,6 +14,7 @@ from hybrid.fields import check_name, only_keys, table_of
 from hybrid.language import PART_KEYS
 from hybrid.parsing import NAME_IN_TEXT
 from hybrid.patchfile.definitions import (
+    OF_TASKS,
     SECTIONS,
     WITHIN_DIGITAL,
     Definition,
@@ -66,6 +67,7 @@ class _Use:
     definition: Definition
     table: Table
     place: Place
+    task: str = ""  # which it names
 
 
 def expand(root: Table, file: str) -> Flat:
@@ -76,6 +78,7 @@ def expand(root: Table, file: str) -> Flat:
     """
     writer = _Writer()
     top = definition_in(file, root)
+    writer.tasks = {task: {name: ({}, {}) for name in OF_TASKS} for task in top.tasks()}
     # By itself a sub-patch has what stands in for its inputs.
     words = {name: tree for name, tree, _ in top.entries("inputs") if isinstance(tree, Text)}
     for name, tree, place in top.entries("inputs"):
@@ -91,6 +94,7 @@ class _Writer:
     def __init__(self) -> None:
         self.sections: dict[str, tuple[dict[str, Tree], dict[str, Place]]]
         self.sections = {name: ({}, {}) for name in SECTIONS}
+        self.tasks: dict[str, dict[str, tuple[dict[str, Tree], dict[str, Place]]]] = {}
         self.connections: list[Connection] = []
         self.settings: dict[str, Setting] = {}
         self.files = Files()
@@ -122,8 +126,8 @@ class _Writer:
             self._add_parameter(scope, name, tree, place, given.get(name))
         for section in SECTIONS[1:]:
             within = replace(scope, names=readable) if section == "program" else scope
-            for name, tree, place in of.entries(section):
-                self.add(section, within, name, tree, place)
+            for task, (name, tree, place) in of.by_task(section):
+                self.add(section, replace(within, task=task or scope.task), name, tree, place)
         for name, text in words.items():
             self._put("program", scope, name, text, text.place)
         _check_outputs(of, scope)
@@ -156,7 +160,8 @@ class _Writer:
                 f"most {LONGEST_NAME}",
                 place,
             )
-        entries, places = self.sections[section]
+        own = self.tasks[scope.task] if scope.task and section in OF_TASKS else self.sections
+        entries, places = own[section]
         entries[full], places[full] = tree, place
 
     def _add_parameter(
@@ -185,8 +190,11 @@ class _Writer:
         what = f"part {name!r}"
         table = table_of(scope.plain(tree), what)
         only_keys(table, PART_KEYS, what, place)
-        texts = {key: _text(table, key, what) for key in ("file", "use") if key in table.entries}
-        if not texts:
+        keys = ("file", "use", "task")
+        texts = {key: _text(table, key, what) for key in keys if key in table.entries}
+        if "task" in texts:
+            self._check_task(texts["task"], what)
+        if not {"file", "use"} & texts.keys():
             raise PatchError(
                 f"{what} names no sub-patch; give file: FILE, or use: NAME of one in definitions:",
                 place,
@@ -203,7 +211,19 @@ class _Writer:
             used = error.place if error.place.used else replace(error.place, part=full, used=place)
             raise PatchError(error.message, used) from None
         self._refuse_endless(definition, what, place, trail)
-        return _Use(full, definition, table, place)
+        task = texts["task"].text if "task" in texts else ""
+        return _Use(full, definition, table, place, task)
+
+    def _check_task(self, task: Text, what: str) -> None:
+        """Refuse a task that the machine does not have."""
+        if not self.tasks:
+            raise PatchError(
+                f"{what} has a task, but the digital machine has no tasks; leave task: out",
+                task.place,
+            )
+        if task.text not in self.tasks:
+            hint = did_you_mean(task.text, self.tasks)
+            raise PatchError(f"{what} has unknown task {quoted(task.text)}; {hint}", task.place)
 
     def _refuse_endless(
         self, definition: Definition, what: str, place: Place, trail: tuple[str, ...]
@@ -243,13 +263,24 @@ class _Writer:
                     f"signal, not {quoted(inputs[name].text)}",
                     text.place,
                 )
-        inside = Scope(use.name, use.place, aliases)
+        inside = Scope(use.name, use.place, aliases, task=use.task or scope.task)
         for name, tree, place in of.entries("inputs"):
             what = f"input {name!r} of part {use.name!r} ({place})"
             stand_in = inside.component(tree) if name in aliases else inside.arithmetic(tree)
             at = scope.place(inputs[name].place)
             self.connections.append(Connection(what, stand_in, inside.name(name, at), at))
         self.write(of, inside, (*trail, of.source), given, words)
+
+    def _with_tasks(self, digital: Table) -> Tree | None:
+        """The section `tasks`, each with the words of its parts; None where there is none."""
+        tree = digital.entries.get("tasks")
+        if not isinstance(tree, Table):
+            return tree
+        entries = {
+            name: _filled(task, self.tasks[name]) if isinstance(task, Table) else task
+            for name, task in tree.entries.items()
+        }
+        return Table(entries, tree.places, tree.place)
 
     def flat(self, root: Table) -> Flat:
         """The patch with all that was added in its sections."""
@@ -268,7 +299,7 @@ class _Writer:
             entries[name] = made[name]
             places.setdefault(name, root.place)
         if isinstance(digital, Table):
-            entries["digital"] = _digital(digital, made)
+            entries["digital"] = _digital(digital, made, self._with_tasks(digital))
         elif words := {**made["program"].places, **made["states"].places}:
             word, place = next(iter(words.items()))
             raise PatchError(
@@ -282,21 +313,34 @@ class _Writer:
         )
 
 
-def _digital(digital: Table, made: Mapping[str, Table]) -> Table:
-    """The digital machine with the words of all parts."""
+def _digital(digital: Table, made: Mapping[str, Table], tasks: Tree | None) -> Table:
+    """The digital machine with the words of all parts; tasks: with theirs, None where it has none."""
     entries, places = dict(digital.entries), dict(digital.places)
+    if tasks is not None:
+        entries["tasks"] = tasks
     for name in WITHIN_DIGITAL:
         if made[name].entries:
-            if "tasks" in entries and name not in entries:
+            if tasks is not None and name in ("program", "states") and name not in entries:
                 word, place = next(iter(made[name].places.items()))
                 raise PatchError(
-                    f"the word {word!r} of a part belongs to no task; parts of a machine with tasks "
-                    "cannot have words: write its arithmetic in the program of a task",
+                    f"the word {word!r} of a part belongs to no task; give the part its task: in "
+                    "parts:, one of those under tasks:",
                     place,
                 )
             entries[name] = made[name]
             places.setdefault(name, digital.place)
     return Table(entries, places, digital.place)
+
+
+def _filled(table: Table, found: Mapping[str, tuple[dict[str, Tree], dict[str, Place]]]) -> Table:
+    """A task with the words of parts."""
+    entries, places = dict(table.entries), dict(table.places)
+    for section, (own, own_places) in found.items():
+        if own:
+            place = entries[section].place if section in entries else table.place
+            entries[section] = Table(own, own_places, place)
+            places.setdefault(section, table.place)
+    return Table(entries, places, table.place)
 
 
 def _bindings(use: _Use, key: str, known: Mapping[str, Place]) -> dict[str, Text]:

@@ -45,18 +45,22 @@ def read_program(book: Book) -> Program | None:
     if counted:
         _require_processor(processor, "digital", fields)
     given = [key for key in keys if not (counted and key.name == "compute_time")]
-    values, tables = fields.quantities(given), [t for _, t, _ in tasks_of(digital)] or [digital]
+    values = fields.quantities(given)
+    tables = [(f"task {name!r}", task) for name, task, _ in tasks_of(digital)]
+    tables = tables or [("digital", digital)]
     readable = frozenset(book.named(Role.PARAMETER, Role.ADC, Role.WORD)) | model_names(book)
-    states = read_states(book, digital, readable)
-    programs = _programs(book, tables, states, readable)
-    _check_previous(programs, states)
+    integrated = [read_states(book, digital, table, what, readable) for what, table in tables]
+    programs = _programs(book, [table for _, table in tables], integrated, readable)
+    _check_own(programs, integrated)
     written = {word: found for program in programs for word, found in program.items()}
-    orders = [_order(program, states) for program in programs]
+    states = {word: state for own in integrated for word, state in own.items()}
+    orders = [_order(*both) for both in zip(programs, integrated, strict=True)]
     order = tuple(word for words in orders for word in words)
     remember = _remember(book, digital, written, states)
     in_order = {word: written[word] for word in order}
     dimensions = _word_dimensions(book, in_order, states, remember, len(programs))
-    tasks = _tasks(book, digital, orders, processor)
+    tasks = _tasks(book, digital, orders, integrated, processor)
+    computed = [frozenset((*own, *p)) for own, p in zip(integrated, programs, strict=True)]
     return Program(
         tasks[0].period if tasks else values["period"],
         values.get("compute_time"),
@@ -66,7 +70,7 @@ def read_program(book: Book) -> Program | None:
         digital.place,
         tuple(with_dimension(state, dimensions) for state in states.values()),
         read_word_length(book, digital),
-        read_word_lengths(book, digital, dimensions, frozenset((*written, *states))),
+        read_word_lengths(book, digital, dimensions, computed),
         tasks,
         not _chosen(fields, keys, "scheduling"),
         processor,
@@ -106,15 +110,19 @@ def _processor(book: Book, digital: Table) -> ProcessorSettings | None:
 
 
 def _programs(
-    book: Book, tables: Sequence[Table], states: Mapping[str, State], readable: frozenset[str]
+    book: Book,
+    tables: Sequence[Table],
+    integrated: Sequence[Mapping[str, State]],
+    readable: frozenset[str],
 ) -> list[dict[str, Assignment]]:
     """The assignments of each program, by word; what several read of a model the first computes.
 
-    states: of the only program, where there are any.
+    integrated: the states of each.
     """
     programs: list[dict[str, Assignment]] = []
     known = set[str]()
-    for table in tables:
+    every = {word: state for states in integrated for word, state in states.items()}
+    for table, states in zip(tables, integrated, strict=True):
         tree = table.entries.get("program")
         entries = table_of(tree, "program", "word: arithmetic") if tree else ()
         program = {word: _assignment(book, word, tree, readable) for word, tree, _ in entries}
@@ -122,7 +130,7 @@ def _programs(
         read = frozenset[str]().union(*(names(expr) for entry in reading for expr in entry.reads))
         for entry in reading:
             for expr in entry.reads:
-                _check_reads(book, entry, expr, readable, states)
+                _check_reads(book, entry, expr, readable, every)
         found = model_words(book, read, readable)
         program |= {word: entry for word, entry in found.items() if word not in known}
         known |= program.keys()
@@ -130,17 +138,28 @@ def _programs(
     return programs
 
 
-def _check_previous(
-    programs: Sequence[Mapping[str, Assignment]], states: Mapping[str, State]
+def _check_own(
+    programs: Sequence[Mapping[str, Assignment]], integrated: Sequence[Mapping[str, State]]
 ) -> None:
-    """previous() is of the cycles of one task; of another only the last result is known."""
-    for program in programs:
-        for word, assignment in program.items():
-            for name in sorted(previous_names(assignment.expr) - program.keys() - states.keys()):
+    """previous() and next() are of the cycles of one task; of another only the last result is known."""
+    for program, states in zip(programs, integrated, strict=True):
+        entries: list[Assignment | State] = [*program.values(), *states.values()]
+        for entry in entries:
+            word = entry.word
+            what = f"{'state' if word in states else 'word'} {word!r}"
+            read = [previous_names(expr) for expr in entry.reads]
+            for name in sorted(frozenset[str]().union(*read) - program.keys() - states.keys()):
                 raise PatchError(
-                    f"word {word!r} reads previous({name}) of another task; read {name}, which is that "
+                    f"{what} reads previous({name}) of another task; read {name}, which is that "
                     f"task's last result, or the previous() of a word {word}_copy: {name} of its own",
-                    assignment.place,
+                    entry.place,
+                )
+            read = [next_names(expr) for expr in entry.reads]
+            for name in sorted(frozenset[str]().union(*read) - states.keys()):
+                raise PatchError(
+                    f"{what} reads next({name}) of another task; read {name}, which is that task's "
+                    f"last result, or a word {name}_next: next({name}) of that task",
+                    entry.place,
                 )
 
 
@@ -148,11 +167,14 @@ def _tasks(
     book: Book,
     digital: Table,
     orders: Sequence[tuple[str, ...]],
+    integrated: Sequence[Mapping[str, State]],
     processor: ProcessorSettings | None,
 ) -> tuple[Task, ...]:
     """The tasks by name, or none where there is one program."""
     found = []
-    for (name, table, place), words in zip(tasks_of(digital), orders, strict=False):
+    for (name, table, place), words, states in zip(
+        tasks_of(digital), orders, integrated, strict=False
+    ):
         fields = book.fields(table, f"task {name!r}", TASK_KEYS, place)
         counted = _is_counted(table)
         if counted:
@@ -173,6 +195,7 @@ def _tasks(
                 words,
                 place,
                 values.get("jitter"),
+                tuple(states),
             )
         )
     if len({task.priority is None for task in found}) > 1:

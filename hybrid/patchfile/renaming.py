@@ -49,6 +49,7 @@ class Scope:
     aliases: Mapping[str, str] = field(default_factory=dict)  # analog input -> what is connected
     parts: Mapping[str, Part] = field(default_factory=dict)
     names: Collection[str] = ()  # of its parameters; in its program, of all it may read
+    task: str = ""  # which computes its words, of a machine with tasks
 
     def place(self, place: Place) -> Place:
         """A place in the sub-patch, with where that is used."""

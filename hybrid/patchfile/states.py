@@ -21,13 +21,19 @@ from hybrid.yamltree import Table, Text, Tree
 Dimensions = dict[str, Dimension | None]
 
 
-def read_states(book: Book, digital: Table, readable: frozenset[str]) -> dict[str, State]:
-    """The states by name, sorted, without the dimensions that their rates may give them."""
-    tree = digital.entries.get("states")
+def read_states(
+    book: Book, digital: Table, within: Table, what: str, readable: frozenset[str]
+) -> dict[str, State]:
+    """The states by name, sorted, without the dimensions that their rates may give them.
+
+    within: the task that integrates them, or `digital` itself; what: the same for messages.
+    """
+    usual = _formula(digital, "integration", "digital", DEFAULT_FORMULA)
+    usual = _formula(within, "integration", what, usual)
+    tree = within.entries.get("states")
     if tree is None:
         return {}
     table = table_of(tree, "states", "state: {integrate: rate, initial: value}")
-    usual = _formula(digital, "integration", "digital", DEFAULT_FORMULA)
     found = {name: _state(book, name, item, place, usual, readable) for name, item, place in table}
     return dict(sorted(found.items()))
 

@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 
 from hybrid.errors import PatchError, did_you_mean, quoted
 from hybrid.fields import Fields, in_words, only_keys, table_of
 from hybrid.language import OVERFLOWS, ROUNDINGS, WORD_KEYS, WORD_LENGTHS
 from hybrid.patch import WordSettings
-from hybrid.patchfile.book import Book
+from hybrid.patchfile.book import Book, tasks_of
 from hybrid.units import PURE, Dimension
 from hybrid.wordlength import SINGLE_BITS, Kind, Overflow
 from hybrid.yamltree import Table, Text, Tree
@@ -19,26 +19,52 @@ SHORT: Mapping[str, WordSettings] = {
 }
 
 
+Dimensions = Mapping[str, Dimension | None]
+
+
 def read_word_length(book: Book, digital: Table) -> WordSettings:
-    """The word length of the program."""
+    """The word length of all that has none of its own."""
     tree = digital.entries.get("word")
     return _settings(book, tree, "word of digital", PURE) if tree else WordSettings()
 
 
 def read_word_lengths(
-    book: Book, digital: Table, dimensions: Mapping[str, Dimension | None], words: frozenset[str]
+    book: Book, digital: Table, dimensions: Dimensions, words: Sequence[frozenset[str]]
 ) -> dict[str, WordSettings]:
-    """Those of single words and states, sorted."""
-    tree = digital.entries.get("words")
-    if tree is None:
-        return {}
-    table, found = table_of(tree, "words", "word: word length"), {}
-    for word, item, place in table:
+    """Those of single words and states, and of all that a task gives one, sorted.
+
+    words: of each task, or of the one program. What is given for a single word goes before what a task
+    has for all of its own.
+    """
+    single = _single(book, digital, "words", dimensions, frozenset[str]().union(*words))
+    found = dict(single)
+    for (name, table, _), own in zip(tasks_of(digital), words, strict=False):
+        what = f"task {name!r}"
+        mine = _single(book, table, f"words of {what}", dimensions, own)
+        for word in sorted(mine.keys() & single.keys()):
+            raise PatchError(
+                f"words of {what}: {word!r} has a word length in digital: words: too; give it one",
+                table.places["words"],
+            )
+        tree = table.entries.get("word")
+        if tree:
+            usual = _settings(book, tree, f"word of {what}", PURE)
+            found |= dict.fromkeys(own - single.keys(), usual)
+        found |= mine
+    return dict(sorted(found.items()))
+
+
+def _single(
+    book: Book, within: Table, what: str, dimensions: Dimensions, words: frozenset[str]
+) -> dict[str, WordSettings]:
+    """The word lengths of single words that a task or the machine gives."""
+    tree, found = within.entries.get("words"), {}
+    for word, item, place in table_of(tree, what, "word: word length") if tree else ():
         if word not in words:
             hint = did_you_mean(word, words)
-            raise PatchError(f"words: no word or state {quoted(word)}; {hint}", place)
+            raise PatchError(f"{what}: no word or state {quoted(word)}; {hint}", place)
         found[word] = _settings(book, item, f"word length of {word!r}", dimensions[word])
-    return dict(sorted(found.items()))
+    return found
 
 
 def _settings(book: Book, tree: Tree, what: str, due: Dimension | None) -> WordSettings:
