@@ -176,6 +176,8 @@ def check(
     tried = try_out(compiled) if trial else None
     values, rates = _settled(compiled)
     pots, rows = _pots(compiled), task_rows(compiled, timeline)
+    if tried and any(task.when for task in compiled.timing.tasks):
+        rows = tried.tasks
     return Check(
         compiled,
         tried,
@@ -326,6 +328,9 @@ def _which_prediction(machine: Machine) -> str:
     except NotLinear as reason:
         return f"no exact prediction: {reason}"
     kind = "the exact one-cycle matrix" if machine.timing.period else "the exact analog matrix"
+    if machine.timing.tasks:
+        length_s = coupling.stretch_s(machine)
+        kind = f"the exact matrix over {length_s:g} s, after which all tasks are where they were"
     case: Case | None = closed_form_case(machine)
     closed = (
         f"; closed form: Eq. {case.equation}" if case else "; no closed form of the paper applies"

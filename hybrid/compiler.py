@@ -264,13 +264,13 @@ def _sampler(
         )
     skew = ticks_of(patch.program.skew, scope, time_scale)
     conversion = ticks_of(adc.conversion_time, scope, time_scale)
-    if adc.conversion_time and conversion >= period:
+    if adc.conversion_time and period and conversion >= period:
         raise PatchError(
             f"{adc.conversion_time.what} is {to_seconds(conversion):g} s, not shorter than the period: "
             "the ADC would still be converting when it must take its next sample",
             adc.conversion_time.place,
         )
-    if adc.channel * skew > DEEPEST_PIPELINE * period:
+    if period and adc.channel * skew > DEEPEST_PIPELINE * period:
         raise PatchError(
             f"ADC {adc.name!r} samples more than {DEEPEST_PIPELINE} periods late, channel times skew; "
             "lower one of them or lengthen the period",
@@ -335,7 +335,8 @@ def _timing(patch: Patch, tape: Tape, scope: Mapping[str, float], time_scale: fl
     compute = period
     tasks = task_timings(program, tape, scope, time_scale) if program else ()
     if tasks:
-        period, compute = min(t.period for t in tasks), max(t.compute for t in tasks)
+        period = min((t.period for t in tasks if t.period), default=0)
+        compute = max(t.compute for t in tasks)
     elif program and program.counted:
         compute = counted_ticks(program, tape, 0, scope, time_scale)
     elif program and program.compute_time:

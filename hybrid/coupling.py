@@ -24,7 +24,7 @@ from hybrid.clockwork import Happening
 from hybrid.components import CATALOG
 from hybrid.eigenvalues import Complex, eigenvalues
 from hybrid.engine.propagator import propagator
-from hybrid.errors import HybridError
+from hybrid.errors import HybridError, PatchError
 from hybrid.expressions import Name
 from hybrid.layout import build_analog
 from hybrid.linearity import NotLinear, linear_program
@@ -32,7 +32,7 @@ from hybrid.machine import Analog, Floats, Machine, OutputStage
 from hybrid.patch import Patch, RunSettings, WordSettings, literal
 from hybrid.scale import to_seconds
 from hybrid.tape import MEMORY, WORDS, Memory, build_tape
-from hybrid.timeline import Segment, build_timeline
+from hybrid.timeline import Segment, Timeline, build_timeline
 
 # In how many stretches tasks must have settled; the layout of their events ends long before.
 MOST_STRETCHES = 10**6
@@ -59,9 +59,14 @@ class Mode:
 
 def exact_modes(machine: Machine) -> Complex:
     """Every mode s of the patch as the machine plays it, in rad/s (complex); forgotten ones left out."""
-    if machine.operating:  # of a patch with modes: it in OP
-        machine = replace(machine, analog=machine.operating, elements=(), operating=None)
+    machine = in_operation(machine)
     analog = machine.analog
+    for task in machine.timing.tasks:
+        if task.when:
+            what = (
+                f"task {task.name!r} begins when {task.when[0]} switches, so there is no exact map"
+            )
+            raise NotLinear(what, task.place)
     if machine.elements:
         raise not_linear(machine)
     if not machine.timing.period:
@@ -71,6 +76,13 @@ def exact_modes(machine: Machine) -> Complex:
     shift = shift[shift != -1.0]  # polished to z = 0 itself, it is a result passing through
     modes: Complex = _log_one_plus(shift) / to_seconds(length_ticks)
     return modes
+
+
+def in_operation(machine: Machine) -> Machine:
+    """The machine; of a linear patch with modes, it in OP."""
+    if machine.operating is None:
+        return machine
+    return replace(machine, analog=machine.operating, elements=(), operating=None)
 
 
 def not_linear(machine: Machine) -> NotLinear:
@@ -94,11 +106,7 @@ def _log_one_plus(shift: Complex) -> Complex:
 
 def cycle_map(machine: Machine) -> tuple[Floats, int]:
     """(M - I, length in ticks): the map of one repeated stretch, constants and sources left out."""
-    timeline = build_timeline(_short(machine))
-    if timeline.later:
-        raise NotLinear("the clock of a task jitters, so there is no exact map")
-    if len(timeline.segments) < 2:
-        raise NotLinear("the tasks do not come back to where they were, so there is no exact map")
+    timeline = _repeating(machine)
     stretch = next(s for s in timeline.segments if s.start > 0 and s.length > 0)
     before = [(kind, i) for tick, kind, i in timeline.segments[0].events if tick < stretch.start]
     in_flight = [
@@ -110,6 +118,28 @@ def cycle_map(machine: Machine) -> tuple[Floats, int]:
         for offset, kind, index in stretch.events:
             tracker.play(offset, Happening(kind), index)
     return tracker.change(), stretch.length
+
+
+def stretch_s(machine: Machine) -> float:
+    """What repeats takes so long: a cycle, or until all tasks are where they were."""
+    segments = _repeating(in_operation(machine)).segments
+    return to_seconds(next(s.length for s in segments if s.start > 0 and s.length > 0))
+
+
+def _repeating(machine: Machine) -> Timeline:
+    """A timeline whose second segment repeats; raises NotLinear where there is none."""
+    try:
+        timeline = build_timeline(_short(machine))
+    except PatchError as error:
+        if not machine.timing.tasks:
+            raise
+        what = "the periods of the tasks have no short common multiple, so there is no exact map"
+        raise NotLinear(what, machine.timing.tasks[0].place) from error
+    if timeline.later:
+        raise NotLinear("the clock of a task jitters, so there is no exact map")
+    if len(timeline.segments) < 2:
+        raise NotLinear("the tasks do not come back to where they were, so there is no exact map")
+    return timeline
 
 
 def _short(machine: Machine) -> Machine:
@@ -376,6 +406,7 @@ def with_period(
     assert patch.program is not None
     # Nothing is run: only the clockwork of a few cycles is wanted, however long the patch's run is.
     program, run = patch.program, RunSettings(literal(100.0 * period_s))
+    assert program.period is not None
     expr = program.period.expr
     if isinstance(expr, Name):
         return replace(patch, run=run), {**overrides, expr.id: period_s}

@@ -268,14 +268,20 @@ STATE_KEYS = (
 # What each task has for itself.
 ONE_PROGRAM_KEYS = ("period", "compute_time", "program", "states")
 
+# The ways in which a comparator switches that start a task.
+EDGES = ("rises", "falls", "changes")
 TASK_KEYS = (
     Key(
         "period",
         Holds.QUANTITY,
-        "a cycle begins every period",
+        "a cycle begins every period; needed unless when says what starts one",
         Unit.TIME,
         Bound.POSITIVE,
-        required=True,
+    ),
+    Key(
+        "when",
+        Holds.TEXT,
+        "in place of period: the comparator that starts a cycle, NAME rises, NAME falls or NAME changes",
     ),
     Key(
         "phase",
@@ -289,7 +295,7 @@ TASK_KEYS = (
         "priority",
         Holds.INTEGER,
         "the higher goes first, equal ones by name; of all tasks or none",
-        default="the shorter the period, the higher",
+        default="tasks with when, then the shorter the period, the higher",
     ),
     Key(
         "compute_time",

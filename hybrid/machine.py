@@ -116,7 +116,11 @@ class Operation:
 
 @dataclass(frozen=True, slots=True)
 class TaskTiming:
-    """One of several tasks on one processor, in ticks."""
+    """One of several tasks on one processor, in ticks.
+
+    Its clock starts a cycle every `period`; or a comparator does, where `when` names one and how it must
+    switch ('rises', 'falls' or 'changes'), and the period is 0.
+    """
 
     name: str
     period: int
@@ -126,11 +130,17 @@ class TaskTiming:
     overrun: str = "skip"
     place: Place = NOWHERE
     jitter: int = 0  # its clock is late by up to this
+    when: tuple[str, str] | None = None
+
+
+def utilisation(tasks: tuple[TaskTiming, ...]) -> float:
+    """The share of its time that the processor is asked for by tasks that have a clock."""
+    return sum(task.compute / task.period for task in tasks if task.period)
 
 
 @dataclass(frozen=True, slots=True)
 class Timing:
-    """All durations in ticks; `period` 0 where there is no digital machine.
+    """All durations in ticks; `period` 0 where there is no digital machine, or none with a clock.
 
     Of several tasks `period` is the shortest and `compute` the longest: each has its own in `tasks`,
     which stand in the order of the programs on the tape, by name.

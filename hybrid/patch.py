@@ -200,7 +200,7 @@ class Task:
     """One of several programs on one processor: its clock, and which words it computes, in order."""
 
     name: str
-    period: Value
+    period: Value | None  # None: a comparator starts its cycles, see `when`
     phase: Value | None
     priority: int | None
     compute_time: Value | None  # None: counted from the operations
@@ -209,6 +209,7 @@ class Task:
     place: Place = NOWHERE
     jitter: Value | None = None
     states: tuple[str, ...] = ()  # which states it integrates, by name
+    when: tuple[str, str] | None = None  # a comparator, and 'rises', 'falls' or 'changes'
 
 
 @dataclass(frozen=True, slots=True)
@@ -216,10 +217,10 @@ class Program:
     """The digital machine's program and its clock; assignments in the order they are computed.
 
     Several programs are `tasks`, by name: the assignments are those of the first, then of the second
-    and so on, and `period` is that of the first.
+    and so on, and `period` is that of the first that has one.
     """
 
-    period: Value
+    period: Value | None
     compute_time: Value | None
     skew: Value | None
     assignments: tuple[Assignment, ...]
@@ -268,8 +269,9 @@ class Program:
 
     @property
     def periods(self) -> tuple[Value, ...]:
-        """The cycle time of each task, or of the one program."""
-        return tuple(task.period for task in self.tasks) or (self.period,)
+        """The cycle times of the tasks, or of the one program."""
+        of_tasks = [task.period for task in self.tasks]
+        return tuple(period for period in of_tasks or [self.period] if period)
 
 
 @dataclass(frozen=True, slots=True)

@@ -1,14 +1,15 @@
 """Several tasks on one processor: a SimPy model of clocks, converters and the processor they share.
 
-Stage 3. A cycle of a task begins at a tick of the task's clock: its ADCs sample and convert by
-themselves, then it waits for the processor, computes for its compute time (with interruptions where a
-task of higher priority takes the processor away) and ends. It reads its words when it first has the
-processor and publishes its results when it ends. What happens at one instant is done in the order of
-`Turn`; see `clockwork` for how that shows in the events.
+Stage 3. A cycle of a task begins at a tick of the task's clock, or where something calls it: its ADCs
+sample and convert by themselves, then it waits for the processor, computes for its compute time (with
+interruptions where a task of higher priority takes the processor away) and ends. It reads its words when
+it first has the processor and publishes its results when it ends. What happens at one instant is done in
+the order of `Turn`; see `clockwork` for how that shows in the events.
 """
 
 from __future__ import annotations
 
+import copy
 from collections import deque
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
@@ -38,7 +39,7 @@ class Turn(IntEnum):
 class TaskClock:
     """One task in ticks: its clock, its converters (index, delay, conversion time), its DACs."""
 
-    period: int
+    period: int  # 0: it has no clock and is called
     phase: int
     compute: int
     rank: int  # 0 goes first
@@ -101,6 +102,17 @@ def _never_late() -> int:
     return 0
 
 
+# What events do is said by bound methods and partials, so that a copy of the processor has its own.
+
+
+def _do(then: Callable[[], None], _: simpy.Event) -> None:
+    then()
+
+
+def _nothing() -> None:
+    """What the end of a compute time does is told to the event itself."""
+
+
 class Processor:
     """The digital machine from t = 0 on, as far as it has been run; `log` and `notes` grow with it."""
 
@@ -119,7 +131,8 @@ class Processor:
         self._end: simpy.Event | None = None  # of the cycle that is running
         self._choosing = False
         for number, task in enumerate(duty.tasks):
-            self._at(task.phase + self.late[number](), Turn.TICK, partial(self._tick, number))
+            if task.period:
+                self._at(task.phase + self.late[number](), Turn.TICK, partial(self._tick, number))
 
     @property
     def now(self) -> int:
@@ -130,6 +143,19 @@ class Processor:
         """Go on to the instant `until`, of which nothing is done yet."""
         if until > self.now:
             self._clock.run(until=until)
+
+    def finish(self, instant: int) -> None:
+        """Go on until all that is due up to `instant`, this one included, is done."""
+        while self._clock.peek() <= instant:
+            self._clock.step()
+
+    def call(self, number: int, at: int) -> None:
+        """Let a task begin a cycle at an instant, now or later, as a tick of its clock would."""
+        self._at(at - self.now, Turn.TICK, partial(self._due, number, at))
+
+    def copy(self) -> Processor:
+        """Another one in the same state, with random streams of its own in the same state."""
+        return copy.deepcopy(self, {id(self.duty): self.duty})
 
     def state(self) -> tuple[object, ...]:
         """All that the future depends on, seen from now: equal states have equal futures."""
@@ -149,17 +175,22 @@ class Processor:
         """Do something so many ticks from now, in its turn."""
         event = simpy.Event(self._clock)
         event._ok, event._value = True, None  # as simpy.Timeout does, which knows no turns
-        event.callbacks.append(lambda _: then())
+        event.callbacks.append(partial(_do, then))
         self._clock.schedule(event, EventPriority(int(turn)), delay)
         return event
 
     def _tick(self, number: int) -> None:
-        """The clock of a task ticks: begin a cycle, or see to the overrun."""
+        """The clock of a task ticks."""
         task, desk = self.duty.tasks[number], self._desks[number]
         due = task.phase + desk.ticks * task.period
         desk.ticks += 1
         wait = due + task.period + self.late[number]() - self.now
         self._at(wait, Turn.TICK, partial(self._tick, number))
+        self._due(number, due)
+
+    def _due(self, number: int, due: int) -> None:
+        """A cycle is due: begin it, or see to the overrun."""
+        task, desk = self.duty.tasks[number], self._desks[number]
         if desk.cycle is None:
             self._begin(number, due)
             return
@@ -177,14 +208,13 @@ class Processor:
         cycle = _Cycle(number, due, self.now, len(task.channels), task.compute)
         self._desks[number].cycle = cycle
         for index, delay, conversion in task.channels:
-
-            def sample(index: int = index, conversion: int = conversion) -> None:
-                self.log.append((self.now, Happening.SAMPLE, index))
-                self._at(conversion, Turn.CONVERT, lambda: self._converted(cycle, index))
-
-            self._at(delay, Turn.SAMPLE, sample)
+            self._at(delay, Turn.SAMPLE, partial(self._sample, cycle, index, conversion))
         if not task.channels:
             self._queue_up(cycle)
+
+    def _sample(self, cycle: _Cycle, index: int, conversion: int) -> None:
+        self.log.append((self.now, Happening.SAMPLE, index))
+        self._at(conversion, Turn.CONVERT, partial(self._converted, cycle, index))
 
     def _converted(self, cycle: _Cycle, index: int) -> None:
         self.log.append((self.now, Happening.CONVERT, index))
@@ -220,7 +250,7 @@ class Processor:
         if not first.started:
             first.started = True
             self.log.append((self.now, Happening.START, first.task))
-        self._end = self._at(first.left, Turn.COMPUTED, lambda: None)
+        self._end = self._at(first.left, Turn.COMPUTED, _nothing)
         self._end.callbacks.append(self._computed)
 
     def _computed(self, event: simpy.Event) -> None:

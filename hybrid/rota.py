@@ -12,7 +12,7 @@ from dataclasses import dataclass
 
 from hybrid.clockwork import Event
 from hybrid.errors import PatchError
-from hybrid.machine import Machine
+from hybrid.machine import Machine, utilisation
 from hybrid.processor import MOST_BEHIND, Duty, FallsBehind, Note, Processor, TaskClock
 from hybrid.scale import to_seconds
 
@@ -71,12 +71,20 @@ def settled(machine: Machine, stretch: int, most_events: int) -> tuple[int, int]
 
 def _behind(machine: Machine, error: FallsBehind) -> PatchError:
     task = machine.timing.tasks[error.task]
-    total = sum(t.compute / t.period for t in machine.timing.tasks)
+    total = utilisation(machine.timing.tasks)
     return PatchError(
         f"task {task.name!r} falls more than {MOST_BEHIND} cycles behind: the processor is asked for "
         f"{100 * total:.4g} % of its time; lengthen a period, shorten a compute_time, or leave cycles "
         "out with overrun: skip",
         task.place,
+    )
+
+
+def overrun_text(machine: Machine, note: Note) -> str:
+    """Why the run ends at the overrun of a task that is to stop it."""
+    return (
+        f"task {machine.timing.tasks[note.task].name!r} has overrun: it had not finished its cycle when "
+        "the next was due, and it has overrun: stop"
     )
 
 
@@ -116,7 +124,9 @@ class TaskReport:
     cycles: int  # finished
     overruns: int  # ticks of its clock at which the cycle before was not finished
     worst_response_s: float | None  # from the tick to the results
-    utilisation: float  # share of the processor's time that it is meant to take
+    utilisation: (
+        float  # share of the processor's time that it is meant to take; called: that it took
+    )
 
 
 def fold(done: Mapping[Note, int], notes: Iterable[Note]) -> dict[Note, int]:
@@ -128,8 +138,10 @@ def fold(done: Mapping[Note, int], notes: Iterable[Note]) -> dict[Note, int]:
     return found
 
 
-def reports(machine: Machine, notes: Iterable[tuple[Note, int]]) -> tuple[TaskReport, ...]:
-    """Of every task, by name; `notes` with how often each stands for a cycle."""
+def reports(
+    machine: Machine, notes: Iterable[tuple[Note, int]], played: int
+) -> tuple[TaskReport, ...]:
+    """Of every task, by name, after `played` ticks; `notes` with how often each stands for a cycle."""
     cycles, overruns, worst = dict[int, int](), dict[int, int](), dict[int, int]()
     for note, times in notes:
         if note.response is None:
@@ -143,7 +155,9 @@ def reports(machine: Machine, notes: Iterable[tuple[Note, int]]) -> tuple[TaskRe
             cycles.get(i, 0),
             overruns.get(i, 0),
             to_seconds(worst[i]) if i in worst else None,
-            task.compute / task.period,
+            task.compute / task.period
+            if task.period
+            else task.compute * cycles.get(i, 0) / max(played, 1),
         )
         for i, task in enumerate(machine.timing.tasks)
     )

@@ -25,7 +25,7 @@ from hybrid.engines import check_engine, engine_of, player_of, wants_circuit
 from hybrid.errors import PatchError, counted
 from hybrid.growth import growth_text
 from hybrid.linearity import NotLinear
-from hybrid.machine import Floats, Machine, Pen
+from hybrid.machine import Floats, Machine, Pen, utilisation
 from hybrid.patch import Readout
 from hybrid.readout import FEWEST_ROWS_PER_CYCLE, READOUTS
 from hybrid.record import full_scales, pens_for, record_parts, signal_units
@@ -33,6 +33,7 @@ from hybrid.roundoff import roundoff_text, word_lengths
 from hybrid.scale import row_times_s, to_seconds, to_ticks
 from hybrid.storage import Parts
 from hybrid.tables import STOPS
+from hybrid.tasks import ROUNDING
 from hybrid.timeline import build_timeline
 from hybrid.wordlength import LARGEST_SINGLE, Kind
 from hybrid.workload import TaskRow, task_rows, to_dicts
@@ -168,10 +169,11 @@ def run(
         note = "; ".join(filter(None, (note, growth_text(pens, player.record), lost)))
     every_s = to_seconds(compiled.timing.every * keep_every)
     period = compiled.timing.period
+    tasks = task_rows(compiled, timeline, player.done_ticks)
     result = Run(
         compiled,
         seed,
-        player.done_ticks // period if period else 0,
+        player.done_ticks // period if period else sum(row.cycles for row in tasks),
         status,
         note,
         thinning_text(keep_every),
@@ -182,7 +184,7 @@ def run(
         compiled.operation.done(player.done_ticks) if compiled.operation else 0,
         engine=played_by,
         outside=tuple(found.facts() for found in outside(player)),
-        tasks=task_rows(compiled, timeline, player.done_ticks),
+        tasks=tasks,
         played_s=played_s,
         firsts_s={
             name: tick if math.isinf(tick) else to_seconds(int(tick))
@@ -290,6 +292,7 @@ def ending(player: Player) -> tuple[str, str]:
     notes = (
         _held_note(player),
         _short_note(machine),
+        _too_much(machine),
         _left_out(player),
         _outside_note(player),
         *player.remarks(),
@@ -324,6 +327,14 @@ def _held_note(player: Player) -> str:
         return ""
     first = player.overloads()[0].signal
     return f"in HOLD since {player.held_s:.9g} s: {first} went beyond its full scale"
+
+
+def _too_much(machine: Machine) -> str:
+    """That the clocks of the tasks ask for more than the processor has; ''."""
+    total = utilisation(machine.timing.tasks)
+    if total <= 1.0 + ROUNDING:
+        return ""
+    return f"the tasks ask for {100 * total:.4g} % of the processor's time, so cycles are left out"
 
 
 def _left_out(player: Player) -> str:

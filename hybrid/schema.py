@@ -73,6 +73,7 @@ _TEXT_EXAMPLES = {
     "use": "euler",
     "task": "fast",
     "transfer": "slow",
+    "when": "beyond rises",
 }
 _TERMS_EXAMPLES: Mapping[str, Any] = {
     "program": EXAMPLE["digital"]["program"],
@@ -215,7 +216,17 @@ def _machine() -> dict[str, Any]:
         "description": doc,
         "examples": examples,
     }
-    made["properties"]["tasks"] |= _map(_digital(language.TASK_KEYS), {}) | {"minProperties": 1}
+    task = {
+        **_digital(language.TASK_KEYS),
+        "oneOf": [
+            {"required": ["period"], "properties": {"when": False}},
+            {
+                "required": ["when"],
+                "properties": dict.fromkeys(("period", "phase", "jitter"), False),
+            },
+        ],
+    }
+    made["properties"]["tasks"] |= _map(task, {}) | {"minProperties": 1}
     one = [key.name for key in language.DIGITAL_KEYS if key.required]
     of_one = language.ONE_PROGRAM_KEYS
     return {

@@ -9,7 +9,7 @@ from collections.abc import Mapping
 
 from hybrid.errors import PatchError
 from hybrid.expressions import names
-from hybrid.machine import TaskTiming
+from hybrid.machine import TaskTiming, utilisation
 from hybrid.patch import Adc, Dac, Program, Task, Value
 from hybrid.processors import PROCESSORS, Processor, operations_of
 from hybrid.scale import to_seconds, to_ticks
@@ -84,8 +84,8 @@ def counted_ticks(
 def task_timings(
     program: Program, tape: Tape, scope: Mapping[str, float], time_scale: float
 ) -> tuple[TaskTiming, ...]:
-    """The tasks by name, ranked: by priority (without any: the shorter the period, the higher), then by
-    name. Raises PatchError where cycles would pile up."""
+    """The tasks by name, ranked: by priority (without any: those that comparators start first, then the
+    shorter the period, the higher), then by name. Raises PatchError where cycles would pile up."""
     periods = {task.name: ticks_of(task.period, scope) for task in program.tasks}
 
     def place(task: Task) -> tuple[int, str]:
@@ -105,6 +105,7 @@ def task_timings(
             task.overrun,
             task.place,
             _jitter(task, periods[task.name], scope, time_scale),
+            task.when,
         )
         for number, task in enumerate(program.tasks)
     )
@@ -122,11 +123,6 @@ def _jitter(task: Task, period: int, scope: Mapping[str, float], time_scale: flo
             task.jitter.place,
         )
     return jitter
-
-
-def utilisation(tasks: tuple[TaskTiming, ...]) -> float:
-    """The share of its time that the processor is asked for."""
-    return sum(task.compute / task.period for task in tasks)
 
 
 def _refuse_piling_up(tasks: tuple[TaskTiming, ...]) -> None:

@@ -21,9 +21,9 @@ from hybrid.errors import PatchError
 from hybrid.machine import Machine, StepEvent, Timing
 from hybrid.modes import TIMED_MODE
 from hybrid.processor import Note
-from hybrid.rota import Rota, TaskReport, reports, rota_until, settled
+from hybrid.rota import Rota, TaskReport, overrun_text, reports, rota_until, settled
 from hybrid.scale import to_seconds
-from hybrid.stretches import Stretches, jitters
+from hybrid.stretches import Stretches, never_repeats
 
 # Periods without a usable common multiple are laid out event by event, up to this many events.
 MOST_FLAT_EVENTS = 300_000
@@ -58,17 +58,16 @@ class Timeline:
         """The segments that follow, each laid out when it is asked for."""
         if self.later:
             edges = edges_of(self.later.machine.steps)
-            for start, end, events in self.later:
+            for start, first, end, events in self.later:
                 last = self.later.stopped or end == self.until
-                events += edges.within(start, end + bool(last))
+                stepped = edges.within(first, end + bool(last))
+                events += [(tick + first - start, kind, i) for tick, kind, i in stepped]
                 yield _segment(start, end - start, 1, in_order(events), ())
 
     @property
     def why_stopped(self) -> str:
         """Why the run has ended before its time, as far as it is laid out; '' where it has not."""
-        if self.later and self.later.stopped:
-            return _overrun_text(self.later.machine, self.later.stopped)
-        return self.stopped
+        return self.later.why_stopped if self.later else self.stopped
 
     def __iter__(self) -> Iterator[Event]:
         """Every event in order, in absolute ticks (for reading and for tests)."""
@@ -90,7 +89,8 @@ class Timeline:
             for note in segment.notes:
                 times = repeats + (note.tick - segment.start <= rest and repeats < segment.repeats)
                 counted.append((note, times))
-        return reports(machine, [(note, times) for note, times in counted if times])
+        played = self.until if until is None else until
+        return reports(machine, [(note, times) for note, times in counted if times], played)
 
 
 def build_timeline(machine: Machine, seed: int = 0) -> Timeline:
@@ -99,9 +99,9 @@ def build_timeline(machine: Machine, seed: int = 0) -> Timeline:
     Raises PatchError where the periods have no common multiple and the run is too long to be laid
     out event by event.
     """
-    if jitters(machine):
+    if never_repeats(machine):
         until, timing = machine.timing.until, machine.timing
-        cycles, rows = until // timing.period, until // timing.every + 1
+        cycles, rows = until // timing.period if timing.period else 0, until // timing.every + 1
         return Timeline((), until, cycles, rows, later=Stretches(machine, seed))
     return _laid_out(_clocks(machine))
 
@@ -201,14 +201,7 @@ def _until_stopped(machine: Machine) -> tuple[Machine, str]:
     note = _rota(machine, until).stopped
     if note is None:
         return machine, ""
-    return replace(machine, timing=replace(timing, until=note.tick)), _overrun_text(machine, note)
-
-
-def _overrun_text(machine: Machine, note: Note) -> str:
-    return (
-        f"task {machine.timing.tasks[note.task].name!r} has overrun: it had not finished its cycle when "
-        "the next was due, and it has overrun: stop"
-    )
+    return replace(machine, timing=replace(timing, until=note.tick)), overrun_text(machine, note)
 
 
 def _rota(machine: Machine, until: int) -> Rota:

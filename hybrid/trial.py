@@ -23,6 +23,7 @@ from hybrid.record import full_scales
 from hybrid.runs import ending
 from hybrid.scale import to_seconds
 from hybrid.timeline import build_timeline
+from hybrid.workload import TaskRow, task_rows
 
 # Wall time after which a trial run is cut; what the kernels take to compile is not counted.
 LONGEST_WALL_S = 5.0
@@ -50,6 +51,7 @@ class Trial:
     held_back: frozenset[str]  # signals that a saturation or a converter kept from going further
     interval_s: float
     rates_mu: dict[str, float]
+    tasks: tuple[TaskRow, ...]  # how the digital machine did in it
     tells: bool  # whether the magnitudes mean anything: not those of a run that ran away
 
     def to_dict(self) -> dict[str, Any]:
@@ -124,6 +126,7 @@ def _seen(
         frozenset(held_back),
         interval_s,
         _by_name(signals, first),
+        task_rows(machine, player.timeline, player.done_ticks),
         player.outcome != kernel.RUNAWAY,
     )
 

@@ -27,11 +27,11 @@ class TaskRow:
     """One task: what it is, and what its cycles came to in a run or a part of it."""
 
     task: str
-    period_s: float
+    period_s: float | None  # None: a comparator starts it
     place: int  # 1 goes first
     operations: dict[str, int]  # additions, multiplications, ... of a cycle
     compute_s: float
-    utilisation: float  # compute time over period
+    utilisation: float  # compute time over period; of what a comparator starts: the share it had
     cycles: int  # that ended
     overruns: int  # that were due while the one before had not ended
     worst_response_s: float | None  # from when a cycle is due to its results; None: none ended
@@ -46,7 +46,7 @@ def task_rows(
     laid out here, for MOST_STRETCHES stretches at most).
     """
     timing = machine.timing
-    if not timing.period:
+    if not timing.period and not timing.tasks:
         return ()
     if not timing.tasks:
         end, latency = timeline.until if until is None else until, machine.latency_ticks
@@ -70,7 +70,7 @@ def _row(
 ) -> TaskRow:
     return TaskRow(
         report.task,
-        to_seconds(period),
+        to_seconds(period) if period else None,
         rank + 1,
         program_operations(machine.tape, number),
         to_seconds(compute),
@@ -97,7 +97,7 @@ def columns(rows: Sequence[TaskRow]) -> tuple[tuple[str, ...], list[tuple[str, .
         (
             row.task,
             str(row.place),
-            f"{row.period_s:.6g}",
+            "-" if row.period_s is None else f"{row.period_s:.6g}",
             f"{row.compute_s:.4g}",
             f"{100 * row.utilisation:.4g} %",
             "-" if row.worst_response_s is None else f"{row.worst_response_s:.4g}",

@@ -271,9 +271,10 @@ class Sheet:
             text_width(word, NAME_SIZE, bold=True) + text_width(f" = {shown_}", 10.0)
             for word, shown_, _ in self.rows
         ]
-        period = style.duration(program.period.number(self.scope))
         compute = program.compute_time
-        told = f"T = {period}"
+        told = "started by comparators"
+        if program.period:
+            told = f"T = {style.duration(program.period.number(self.scope))}"
         if compute is not None:
             told += f",  compute {style.duration(compute.number(self.scope))}"
         widths += [text_width(told, SMALL_SIZE), text_width("DIGITAL PROGRAM", 10.0, bold=True)]

@@ -51,9 +51,14 @@ from hybrid.engine.nodes import Nodes
 from hybrid.engine.sweep import (
     AS,
     BEFORE,
+    CALLED,
     DRIVE,
     EVENTS,
+    FALLS,
     FROZEN,
+    HAPPENED,
+    RISES,
+    WANTED,
     State,
     X,
     function_of,
@@ -92,6 +97,10 @@ def change_piece(
         state.memory[e, X] = circuit.pieces[
             circuit.corners[corner, FIRST_PIECE] + state.piece[corner], C0
         ]
+    switched = RISES if state.piece[corner] > 0 else FALLS
+    if corner == circuit.rows[e, CORNER] and state.calls[e, WANTED] & switched:
+        state.calls[e, HAPPENED] |= switched
+        state.counts[CALLED] = 1
     number = state.counts[EVENTS]
     if number < log.times_s.shape[0]:
         log.times_s[number] = t_s

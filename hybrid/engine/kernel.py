@@ -117,8 +117,9 @@ TIMES, FIRST_REPEAT, FIRST_INSTANT, WORST_REPEAT, WORST_INSTANT, LAST = range(6)
 # OVERFLOWED: a word of the program that is to stop the run.
 # WAITING: no propagators, so the caller must advance the analog side or let it follow a jump.
 # OUTSIDE: a function of the program was asked beyond its range and is to stop the run there.
+# CALLED: a comparator has switched that starts a task; what is due next must be laid out anew.
 DONE, PAUSED, RUNAWAY, NOT_FINITE, WAITING, CHATTERS, NOT_RESOLVED, OVERLOADED = range(8)
-OUTSIDE, OVERFLOWED = 8, 9
+OUTSIDE, OVERFLOWED, CALLED = 8, 9, 10
 
 # Beyond this many machine units a run means nothing any more and soon overflows.
 RUNAWAY_MU = 1e12

@@ -223,6 +223,7 @@ class Player:
             here = outside[:, helper_functions.SEGMENT] == self.segment - 1
             for row in np.flatnonzero(here & (outside[:, helper_functions.TIMES] > 0.0)).tolist():
                 self._asked_ticks[row] = self.asked_ticks(row)
+            self._forget_intervals()
             known, nothing = len(self._numbers), Score(np.zeros((0, 3), dtype=np.int32))
             self.scores[-1], self.offsets[-1], self._draws[-1] = nothing, [], NO_COUNTS
             self.segments[-1] = replace(self.segments[-1], events=())
@@ -255,6 +256,16 @@ class Player:
         self.segments.append(segment)
         self.offsets.append(at)
         self.scores.append(Score(np.array(cues, dtype=np.int32)))
+
+    def _cut(self, instant: int, at: int) -> None:
+        """End the present segment at the tick `at`, after the instant of this number."""
+        segment, offsets = self.segments[self.segment], self.offsets[self.segment]
+        length = at - segment.start
+        self.offsets[self.segment] = offsets[: instant + 1] + [length] * (length > offsets[instant])
+        self.segments[self.segment] = replace(segment, length=length)
+
+    def _forget_intervals(self) -> None:
+        """Before another stretch is taken in: propagators are kept, as intervals come again."""
 
     def _more_intervals(self, intervals: list[int]) -> None:
         """Get ready to advance the analog side over further intervals (ticks)."""

@@ -139,6 +139,7 @@ class Reference:
     evaluations: int = 0
     step_s: float = 0.0  # to begin with; 0: the integrator finds one
     look: Callable[[float, Floats], None] | None = None  # shown time and signals after every step
+    ends_at: frozenset[tuple[int, int]] = frozenset()  # element, new piece: at these play() ends
 
     def __post_init__(self) -> None:
         """Start with lags settled, unless the circuit says otherwise."""
@@ -161,7 +162,7 @@ class Reference:
     def play(self, duration_s: float, instants_s: Floats | None = None) -> Floats:
         """Go on with the present held inputs; the signals at instants after the start (rows, n).
 
-        Raises Chatters, RunsAway and NotResolved; `now_s` says when.
+        Raises Chatters, RunsAway and NotResolved; `now_s` says when, as it does where play() ends early.
         """
         instants = np.zeros(0) if instants_s is None else instants_s
         begin, end = self.now_s, self.now_s + duration_s
@@ -198,7 +199,10 @@ class Reference:
             *times_s, lost = solution.t_events or []
             if len(lost):
                 raise RunsAway("beyond any scale")
+            before = len(self.events)
             self._change_piece(times_s)
+            if any(event[1:] in self.ends_at for event in self.events[before:]):
+                return rows
         raise Chatters(f"more than {MOST_EVENTS} events")
 
     def _show(self, times_s: Floats, states: Floats) -> None:

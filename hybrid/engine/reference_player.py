@@ -15,6 +15,7 @@ from hybrid.engine.kernel import Floats, Score, State
 from hybrid.engine.linear import Overload, Player
 from hybrid.engine.reference import Chatters, Method, NotResolved, Reference, RunsAway
 from hybrid.engine.remarks import refuse_undefined
+from hybrid.engine.sweep import CALLED
 from hybrid.engine.windows import CircuitPlayer
 from hybrid.scale import to_seconds
 
@@ -85,7 +86,18 @@ class ReferencePlayer(CircuitPlayer):
         self.beyond = _Beyond(0.0, first)
         self.reference.look = lambda t_s, signals: self.beyond(t_s, signals[self.side.place])
         state.v[:count] = first
+        self.calls.listen(self.side.state)
+        self.reference.ends_at = self.calls.pieces
+        self.reference.events.clear()
         return state
+
+    def _switched(self) -> bool:
+        """Whether comparators that start tasks have switched; take note of which."""
+        for _, element, piece in self.reference.events:
+            if (element, piece) in self.reference.ends_at:
+                self.calls.note(self.side.state, element, piece)
+        self.reference.events.clear()
+        return bool(self.side.state.counts[CALLED])
 
     def _chunk(self) -> int:
         return CHUNK_CUES
@@ -113,7 +125,10 @@ class ReferencePlayer(CircuitPlayer):
         advances = cue[0] == kernel.ADVANCE
         if not advances:  # something has jumped
             reference.step_s = 0.0
-        reference.now_s = start_s + float(clock.instants_s[cue[2] - advances])
+        reference.now_s = began_s = start_s + float(clock.instants_s[cue[2] - advances])
+        if self._switched() and advances:
+            self.side.called_s[0] = 0.0
+            return kernel.CALLED
         try:
             with np.errstate(all="ignore"):
                 if advances:
@@ -125,6 +140,9 @@ class ReferencePlayer(CircuitPlayer):
             return why.get(type(reason), kernel.NOT_RESOLVED)
         self.beyond(reference.now_s, signals)
         v[: len(signals)] = signals
+        if advances and self._switched():
+            self.side.called_s[0] = reference.now_s - began_s
+            return kernel.CALLED
         return kernel.WAITING if np.all(np.abs(signals) <= kernel.RUNAWAY_MU) else kernel.RUNAWAY
 
     def overloads(self) -> tuple[Overload, ...]:

@@ -32,6 +32,7 @@ from hybrid.engine.sweep import (
     AFTER_EVENT,
     AFTER_INPUT,
     AGE,
+    CALLED,
     CRUISE,
     EVENTS,
     FIRST_S,
@@ -62,8 +63,8 @@ from hybrid.engine.sweep import (
 )
 from hybrid.modes import CONTINUE, STOP_RUN
 
-# Why `advance` came back.
-DONE, RUNAWAY, CHATTER, UNRESOLVED, OVERLOADED = range(5)
+# Why `advance` came back. SWITCHED: a comparator that starts a task.
+DONE, RUNAWAY, CHATTER, UNRESOLVED, OVERLOADED, SWITCHED = range(6)
 
 # A layer has died out after this many lags: exp(-36) is 2e-16, a chain of lags takes longer.
 LAYER_LAGS = 45.0
@@ -132,7 +133,7 @@ def advance(
         if jumped:
             jump(circuit, state, noise, t_s, 0.0)
     now = 0.0
-    while now < duration_s:
+    while now < duration_s and counts[CALLED] == 0:
         if counts[ON_OVERLOAD] != CONTINUE:
             e = _beyond_now(state.watched, shown.start)
             if e >= 0:
@@ -202,7 +203,7 @@ def advance(
                 jump(circuit, state, noise, t_s, now)
     if noise is not None and duration_s > 0.0:
         show(circuit, state, noise, t_s, now)
-    return DONE, now
+    return SWITCHED if counts[CALLED] > 0 else DONE, now
 
 
 @compiled

@@ -101,6 +101,7 @@ class State(NamedTuple):
     counts: Ints  # see the constants below
     watched: Ints  # (n,): 1 where an overload may stop the run or hold the machine
     changes: Floats  # (corners, 5): see the columns below
+    calls: Ints  # (n, 2): see the columns below
 
 
 # Columns of State.memory, each at the start of the window and at its end: the state of an integrator,
@@ -123,9 +124,13 @@ RUNGS = 8
 # Indices into State.counts: started, last window's points can be used for a guess, windows accepted and
 # rejected, sweeps, events, record rows, windows to wait before the length may grow; what an overload
 # does, whether the machine is in HOLD because of one; what jumped last, AFTER_INPUT or AFTER_EVENT, and
-# the number of the window since.
+# the number of the window since; whether a comparator has switched that starts a task.
 STARTED, KNOWN, WINDOWS, REJECTED, SWEEPS, EVENTS, ROWS, WAIT = range(8)
-ON_OVERLOAD, FROZEN, JUMPED, RUNG = range(8, 12)
+ON_OVERLOAD, FROZEN, JUMPED, RUNG, CALLED = range(8, 13)
+# Columns of State.calls, of a comparator that starts tasks: which ways of switching do, and which
+# happened.
+WANTED, HAPPENED = range(2)
+RISES, FALLS = 1, 2
 
 # Sweeps after which a window is given up as too long.
 MOST_SWEEPS = 40
@@ -160,9 +165,10 @@ def new_state(circuit: Circuit, q: int = 8) -> State:
         np.zeros((len(circuit.noisy), p)),
         np.array([0.0, math.inf, 0.0, 0.0, 0.0, math.nan, first_s]),
         np.pad(np.full((2, 1), first_s), ((0, 0), (0, RUNGS - 1))),
-        np.zeros(12, dtype=np.int64),
+        np.zeros(13, dtype=np.int64),
         np.zeros(n, dtype=np.int64),
         np.tile((-math.inf, 0.0, 0.0, math.nan, 0.0), (m, 1)),
+        np.zeros((n, 2), dtype=np.int64),
     )
 
 

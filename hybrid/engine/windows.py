@@ -15,6 +15,7 @@ import numpy as np
 
 from hybrid.elements import INPUT
 from hybrid.engine import kernel
+from hybrid.engine.calls import Calls
 from hybrid.engine.circuit import Builder, Circuit
 from hybrid.engine.compiling import allocating, compiled
 from hybrid.engine.corners import Log, new_log, settle
@@ -26,6 +27,7 @@ from hybrid.engine.relaxation import (
     CHATTER,
     OVERLOADED,
     RUNAWAY,
+    SWITCHED,
     advance,
     hold_for_good,
     no_pen,
@@ -36,7 +38,7 @@ from hybrid.engine.sweep import DRIVE, FROZEN, ON_OVERLOAD, OVERLOAD_S, WINDOWS,
 from hybrid.engine.sweep import State as CircuitState
 from hybrid.machine import Machine
 from hybrid.modes import MODE_ELEMENT, OP, STOP_RUN
-from hybrid.scale import to_seconds
+from hybrid.scale import to_seconds, to_ticks
 
 NODES = 8
 # How well every signal is resolved, as a fraction of full scale.
@@ -64,6 +66,7 @@ class Side(NamedTuple):
     held: Ints  # (inputs of the circuit,): which of the machine's held inputs
     mode: Ints  # (1,): the element that gives the machine's mode; -1: it is always in OP
     stopped_s: Floats  # (1,): when it could not go on; nan: it could
+    called_s: Floats  # (1,): how far into an interval a task was called that a comparator starts
 
 
 class Clock(NamedTuple):
@@ -101,8 +104,11 @@ def follow(
         else:
             v[s] = noise.truth.start[side.place[s]]
     v[side.place.shape[0]] = side.state.start[side.mode[0]] if side.mode[0] >= 0 else OP
-    if why == 0:
+    if why == 0 or (why == SWITCHED and duration_s == 0.0):  # of an instant, all is done first
         return kernel.WAITING
+    if why == SWITCHED:
+        side.called_s[0] = done_s
+        return kernel.CALLED
     side.stopped_s[0] = t_s + done_s
     if why == RUNAWAY:
         return kernel.RUNAWAY
@@ -219,7 +225,8 @@ class CircuitPlayer(Player):
     side: Side
     names: tuple[str, ...]  # of the circuit's elements
     noise: Noise | None
-    intervals_s: Floats  # of all intervals between instants met so far
+    intervals_s: Floats  # of the intervals between instants
+    calls: Calls  # of tasks by comparators
 
     @property
     def clock(self) -> Clock:
@@ -237,6 +244,35 @@ class CircuitPlayer(Player):
 
     _clock_of = -1
 
+    def play_cues(self, most_cues: int) -> None:
+        """Play at most `most_cues` cues of the current segment, or up to where a task is called."""
+        super().play_cues(most_cues)
+        if self.outcome == kernel.CALLED:
+            self.outcome = self._answer()
+
+    def _answer(self) -> int:
+        """A comparator has switched that starts tasks: have the timeline go on from there."""
+        later, segment = self.timeline.later, self.segments[self.segment]
+        assert later is not None
+        cue, offsets = self.state.counts[kernel.CUE], self.offsets[self.segment]
+        instant = int(self.scores[self.segment].cues[cue, 2]) - 1  # all of it is done
+        done = segment.start + offsets[instant]
+        into = to_ticks(float(self.side.called_s[0]))
+        at = min(done + into, segment.start + offsets[instant + 1])
+        for task in self.calls.take(self.side.state):
+            later.call(task, done, at)
+        if self.calls.chatter(at, self.side.circuit.taus_s):
+            self.side.stopped_s[0] = to_seconds(at)
+            return kernel.CHATTERS
+        self._cut(instant, at)
+        self._next_segment(segment)
+        return kernel.DONE if self.segment == len(self.scores) else kernel.PAUSED
+
+    def _forget_intervals(self) -> None:
+        self._numbers.clear()
+        self.intervals_s = np.zeros(0)
+        self.plant = self.plant._replace(draws=np.zeros(0, dtype=np.int64))
+
     def _more_intervals(self, intervals: list[int]) -> None:
         more = np.array([to_seconds(t) for t in intervals])
         self.intervals_s = np.concatenate([self.intervals_s, more])
@@ -246,6 +282,7 @@ class CircuitPlayer(Player):
     def _analog_side(self, intervals: list[int]) -> Plant:
         """A plant without propagators; the circuit is `side`."""
         self.side, self.names = _side(self.machine)
+        self.calls = Calls(self.machine, self.side.place)
         circuit = self.side.circuit
         self.noise = new_noise(circuit, self._normals, NODES) if len(circuit.noisy) else None
         self.intervals_s = np.array([to_seconds(t) for t in intervals])
@@ -266,6 +303,7 @@ class CircuitPlayer(Player):
         state = state._replace(v=v, next_v=np.zeros(count))
         begin(self.side, self.noise, self.plant, state, state.v[count + self.side.held])
         refuse_undefined(self.machine, self.side.circuit, self.names, self.side.state.start)
+        self.calls.listen(self.side.state)
         return state
 
     @property
@@ -362,6 +400,7 @@ def _side(machine: Machine) -> tuple[Side, tuple[str, ...]]:
         np.array(held, dtype=np.int64),
         np.array([number.get(MODE_ELEMENT, -1)], dtype=np.int64),
         np.full(1, np.nan),
+        np.zeros(1),
     )
     return side, tuple(number)
 

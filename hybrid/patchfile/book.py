@@ -138,6 +138,15 @@ class Book:
         return name
 
     @property
+    def has_clock(self) -> bool:
+        """Whether there is a cycle time, which the record may follow."""
+        digital = self.root.entries.get("digital")
+        if not isinstance(digital, Table):
+            return False
+        tasks = [task for _, task, _ in tasks_of(digital)]
+        return any("period" in task.entries for task in tasks) if tasks else True
+
+    @property
     def signals(self) -> frozenset[str]:
         """All that can be recorded."""
         kept = self.named(Role.PARAMETER, Role.TABLE, Role.MODEL)

@@ -25,9 +25,10 @@ def read_run(book: Book) -> RunSettings:
     place = book.root.places["run"]
     fields = book.fields(table, "run", RUN_KEYS, place)
     values = fields.quantities(RUN_KEYS)
-    if "every" not in values and "digital" not in book.root.entries:
+    if "every" not in values and not book.has_clock:
+        what = "task with a period" if book.tasks else "digital machine"
         raise PatchError(
-            "run: without a digital machine the record needs its interval; add every: TIME", place
+            f"run: without a {what} the record needs its interval; add every: TIME", place
         )
     max_rows = fields.integer("max_rows", DEFAULT_ROWS)
     on_overload = fields.text("on_overload", "continue")

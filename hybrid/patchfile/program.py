@@ -25,6 +25,7 @@ from hybrid.parsing import parse
 from hybrid.patch import Assignment, ProcessorSettings, Program, State, Task, Value
 from hybrid.patchfile.book import Book, Role, digital_keys, tasks_of
 from hybrid.patchfile.models import check_input, model_names, model_words, refuse_model_name
+from hybrid.patchfile.starting import read_when
 from hybrid.patchfile.states import read_states, settle_dimensions, with_dimension
 from hybrid.patchfile.wordlengths import read_word_length, read_word_lengths
 from hybrid.processors import PROCESSORS
@@ -62,7 +63,7 @@ def read_program(book: Book) -> Program | None:
     tasks = _tasks(book, digital, orders, integrated, processor)
     computed = [frozenset((*own, *p)) for own, p in zip(integrated, programs, strict=True)]
     return Program(
-        tasks[0].period if tasks else values["period"],
+        next((t.period for t in tasks if t.period), None) if tasks else values["period"],
         values.get("compute_time"),
         values.get("skew"),
         tuple(replace(written[word], dimension=dimensions[word]) for word in order),
@@ -187,7 +188,7 @@ def _tasks(
         found.append(
             Task(
                 name,
-                values["period"],
+                values.get("period"),
                 values.get("phase"),
                 fields.integer("priority", 0) if given else None,
                 values.get("compute_time"),
@@ -196,6 +197,7 @@ def _tasks(
                 place,
                 values.get("jitter"),
                 tuple(states),
+                read_when(book, fields, frozenset(states)),
             )
         )
     if len({task.priority is None for task in found}) > 1:
