@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import itertools
 import math
+from collections.abc import Set
 
 import numpy as np
 
@@ -26,36 +27,39 @@ def initial_words(machine: Machine) -> Floats:
 
 def first_results(machine: Machine, timeline: Timeline, seed: int) -> dict[str, float]:
     """Tick from which on each ADC and each word shows what it has found; infinite where the run ends
-    before. States are not among them: they have a value from the start."""
-    found = _first_of_each(machine, timeline, seed)
-    tape = machine.tape
-    firsts = {
-        sampler.name: found.get((Happening.CONVERT, i), math.inf)
-        for i, sampler in enumerate(machine.samplers)
+    before. States are not among them, having a value from the start, nor what a task has that waits for
+    a comparator: when that is, only the run shows.
+    """
+    tasks = machine.timing.tasks
+    clocked = [i for i in range(max(len(tasks), 1)) if not (tasks and tasks[i].when)]
+    samplers = {
+        (Happening.CONVERT, i): s for i, s in enumerate(machine.samplers) if s.task in clocked
     }
+    wanted = {*samplers, *((Happening.END, task) for task in clocked)}
+    found = _first_of_each(machine, timeline, seed, wanted)
+    tape = machine.tape
+    firsts = {sampler.name: found.get(kind, math.inf) for kind, sampler in samplers.items()}
     states = set(tape.states[:, 0].tolist())
     starts = tape.starts[:, 1].tolist()
     for task, (first, last) in enumerate(itertools.pairwise(starts)):
         for word in range(first, last):
-            if tape.word_registers[word] not in states:
+            if tape.word_registers[word] not in states and task in clocked:
                 firsts[tape.words[word]] = found.get((Happening.END, task), math.inf)
     return firsts
 
 
 def _first_of_each(
-    machine: Machine, timeline: Timeline, seed: int
+    machine: Machine, timeline: Timeline, seed: int, wanted: Set[tuple[Happening, int]]
 ) -> dict[tuple[Happening, int], float]:
-    """Tick of the first conversion of every ADC and of the first end of every program."""
+    """Tick of the first of each that is wanted: conversions of an ADC, ends of a program."""
     found: dict[tuple[Happening, int], float] = {}
-    due = len(machine.samplers) + len(machine.tape.starts) - 1
-    pieces = [(segment.start, list(segment.events)) for segment in timeline.segments]
+    pieces = ((segment.start, segment.events) for segment in timeline.segments)
     if timeline.later:  # laid out once more: that of the run goes on by itself
-        start, _, events = next(iter(Stretches(machine, seed)))
-        pieces.append((start, events))
+        pieces = ((start, tuple(events)) for start, _, _, events in Stretches(machine, seed))
     for start, events in pieces:
         for offset, kind, index in events:
-            if kind in (Happening.CONVERT, Happening.END):
+            if (kind, index) in wanted:
                 found.setdefault((Happening(kind), index), start + offset)
-        if len(found) == due:
+        if len(found) == len(wanted):
             break
     return found

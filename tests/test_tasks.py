@@ -651,3 +651,31 @@ def test_a_processor_that_is_asked_for_too_much(compiled):
         compiled(text.replace("slow: {", "slow: {overrun: queue, "))
     machine = compiled(text)  # skip leaves cycles out
     assert build_timeline(machine).reports(machine)[1].overruns > 0
+
+
+def test_a_run_says_that_the_processor_is_asked_for_too_much():
+    text = LOOP.lstrip("\n").replace("PHASE", "0 s").replace("0.7*t", "1.7*t")
+    result = hybrid.run(parse_patch(text))
+    assert (
+        result.status == "complete"
+        and "ask for 105 % of the processor's time" in result.status_note
+    )
+    # At 100 %, but for the rounding of three terms, nobody asks for too much.
+    whole = hybrid.run(parse_patch(text.replace("1.7*t", "1.6*t")))
+    assert "processor" not in whole.status_note
+
+
+def test_check_says_which_matrix_there_is():
+    text = LOOP.replace("PHASE", "0 s")
+    told = hybrid.check(parse_patch(text), trial=False).prediction
+    assert told.startswith(
+        "the exact matrix over 0.02 s, after which all tasks are where they were ("
+    )
+    # In this one every second cycle of the slow task is left out.
+    told = hybrid.check(parse_patch(text.replace("0.7*t", "1.7*t")), trial=False).prediction
+    assert told.startswith("the exact matrix over 0.04 s")
+    apart = text.replace("period: 2*t", "period: 20.00000000001 ms")
+    told = hybrid.check(parse_patch(apart), trial=False).prediction
+    assert "no exact prediction" in told and "no short common multiple" in told
+    with pytest.raises(RunError, match="no short common multiple, so there is no exact map"):
+        hybrid.predict(parse_patch(apart))
