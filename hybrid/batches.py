@@ -146,7 +146,7 @@ class Batch:
         """Everything as plain data; parameters in SI."""
         facts = machine_facts(self.first)
         return {
-            **{key: facts[key] for key in ("patch", "title", "machine")},
+            **{key: facts[key] for key in ("patch", "title", "machine", "on")},
             "parameters": self._shared("parameters"),
             "parameters_si": self._shared("parameters_si"),
             "status": self.status,

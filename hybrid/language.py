@@ -152,6 +152,15 @@ DAC_KEYS = (
         "double-buffered: shows what was loaded when this task's cycle ends, with all others that do",
         default="the task that computes its word",
     ),
+    Key(
+        "lead",
+        Holds.QUANTITY,
+        "shows the word as it will be so much later, along its last change; before the first cycle the "
+        "word is taken to have been `initial`",
+        Unit.TIME,
+        Bound.NOT_NEGATIVE,
+        default="0 s",
+    ),
 )
 
 DIGITAL_KEYS = (
@@ -186,6 +195,12 @@ DIGITAL_KEYS = (
     ),
     Key("word", Holds.TEXT, "word length: float64, float32, or a mapping", default="float64"),
     Key("words", Holds.TERMS, "word lengths of single words and states", default="that of word"),
+    Key(
+        "full_scales",
+        Holds.TERMS,
+        "word: full scale, for when the word is put on the analog machine",
+        default="that of a DAC of the word",
+    ),
     Key("program", Holds.TERMS, "assignments, word: arithmetic; needed where there are no states"),
     Key("states", Holds.TERMS, "words that the program integrates, state: {integrate: rate, ...}"),
     Key(
@@ -445,6 +460,8 @@ TIME_SCALE = Key(
     default="1",
 )
 
+MACHINES = ("analog", "digital")
+
 # A sub-patch is a file with these keys, or a definition.
 DEFINITION_KEYS = (
     Key("description", Holds.TEXT, "what it is about"),
@@ -465,7 +482,9 @@ DEFINITION_KEYS = (
 )
 
 PART_DIGITAL_KEYS = tuple(
-    key for key in DIGITAL_KEYS if key.name in ("program", "remember", "states", "words")
+    key
+    for key in DIGITAL_KEYS
+    if key.name in ("program", "remember", "states", "words", "full_scales")
 )
 
 PART_KEYS = (
@@ -474,6 +493,13 @@ PART_KEYS = (
     Key("inputs", Holds.TERMS, "input: signal; arithmetic, where the input is a word"),
     Key("parameters", Holds.TERMS, "parameter: quantity"),
     Key("task", Holds.TEXT, "which task computes its words, of a machine with tasks"),
+    Key(
+        "on",
+        Holds.CHOICE,
+        "the machine that all of it runs on",
+        default="that of each section",
+        choices=MACHINES,
+    ),
 )
 
 TOP_KEYS = (

@@ -94,6 +94,13 @@ def _patch(made: argparse.ArgumentParser) -> None:
         metavar="NAME=VALUE",
         help="set a parameter: cycle='2 ms'",
     )
+    made.add_argument(
+        "--on",
+        action="append",
+        default=[],
+        metavar="[NAME=]MACHINE",
+        help="run all, or a part, signal or word, on the analog or digital machine: body=digital",
+    )
     made.add_argument("--json", action="store_true", help="print one JSON object")
 
 
@@ -198,9 +205,9 @@ def _batch(made: argparse.ArgumentParser) -> None:
 def patch_and_parameters(options: argparse.Namespace) -> tuple[Patch, dict[str, float]]:
     """The patch, and the parameters set from outside, in SI."""
     from hybrid.arguments import parameters_of
-    from hybrid.patchfile import read_patch
+    from hybrid.patchfile import read_patch, told_from_texts
 
-    patch = read_patch(options.patch)
+    patch = read_patch(options.patch, told_from_texts(options.on))
     texts: dict[str, float | str] = {}
     for entry in options.set:
         name, equals, text = (part.strip() for part in entry.partition("="))

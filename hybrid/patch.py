@@ -127,6 +127,7 @@ class Dac:
     errors: Mapping[str, Value]
     place: Place = NOWHERE
     transfer: str | None = None  # the task whose end shows what was loaded; None: its own
+    lead: Value | None = None  # so much later than sampled it shows the word to be
 
 
 @dataclass(frozen=True, slots=True)
@@ -340,6 +341,7 @@ class Patch:
     modes: ModeSettings | None = None
     time_scale: Value | None = None
     files: Mapping[str, str] = field(default_factory=dict)  # SHA-256 of those it names
+    on: Mapping[str, str] = field(default_factory=dict)  # what was put on which machine
 
     def bind(self, overrides: Mapping[str, float] | None = None) -> dict[str, float]:
         """Every parameter as an SI number, `overrides` (SI) replacing defaults.

@@ -292,6 +292,7 @@ def origin(first: Machine) -> dict[str, str]:
         "patch": patch.file,
         "patch_hash": patch_hash(patch),
         "file_hashes": json.dumps(patch.files),
+        "on": json.dumps(dict(patch.on)),
         "machine": first.preset,
         "versions": versions_text(),
     }

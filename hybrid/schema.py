@@ -78,6 +78,7 @@ _TEXT_EXAMPLES = {
 _TERMS_EXAMPLES: Mapping[str, Any] = {
     "program": EXAMPLE["digital"]["program"],
     "remember": {"moment_word": 0},
+    "full_scales": {"moment_word": "200 rad/s^2"},
     "units": {"bodyMomentOfInertia_Roll": "kg*m^2"},
     "states": {"angle": {"integrate": "theta_sample", "initial": "0 rad*s"}},
     "inputs": {"mach": 1, "height": "ft"},

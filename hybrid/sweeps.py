@@ -114,7 +114,7 @@ class Sweep:
     def to_dict(self) -> dict[str, Any]:
         """Everything as plain data; values in SI."""
         facts = machine_facts(self.first)
-        shared = {key: facts[key] for key in ("patch", "title", "machine", "serial")}
+        shared = {key: facts[key] for key in ("patch", "title", "machine", "serial", "on")}
         return {
             **shared,
             "parameters": self.parameters,

@@ -67,7 +67,7 @@ def answer(capsys: pytest.CaptureFixture[str], *arguments: str, code: int = 0) -
 # -- keys of the JSON answers, each as README.md documents it ---------------------------------------
 
 ABOUT = {"patch", "title", "machine", "serial", "cycle_s", "time_scale", "parameters"}
-ABOUT |= {"parameters_si"}
+ABOUT |= {"parameters_si", "on"}
 RUN = {"seed", "cycles", "operations", "status", "status_note", "readouts", "overloads", "files"}
 RUN |= {"until_s", "every_s", "engine", "outside", "prediction", "prediction_note", "tasks"}
 MODE = {"omega", "omega_damped", "zeta", "omega_ideal", "zeta_ideal", "closed_form"}

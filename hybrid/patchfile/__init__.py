@@ -5,6 +5,7 @@ names are unique, every cord ends somewhere, every dimension fits.
 """
 
 from hybrid.patchfile.outside import parse_duration, parse_override
+from hybrid.patchfile.placing import told_from_texts
 from hybrid.patchfile.reading import parse_patch, read_patch
 
-__all__ = ["parse_duration", "parse_override", "parse_patch", "read_patch"]
+__all__ = ["parse_duration", "parse_override", "parse_patch", "read_patch", "told_from_texts"]

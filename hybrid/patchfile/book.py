@@ -66,9 +66,12 @@ _WAY_TO_ANALOG = {
 class Book:
     """The names of a patch, each defined once, and what the sections read so far have added."""
 
-    def __init__(self, root: Table) -> None:
-        """Take down every name that `root` defines, in the order written."""
-        self.root = root
+    def __init__(self, root: Table, may_lack_words: bool = False) -> None:
+        """Take down every name that `root` defines, in the order written.
+
+        may_lack_words: whether a digital machine may be without any; something may be put on it.
+        """
+        self.root, self._may_lack_words = root, may_lack_words
         self.files = Files()
         self.models: dict[str, ModelUse] = {}
         self.tables: dict[str, LookUpTable] = {}
@@ -177,7 +180,7 @@ class Book:
         only_keys(digital, digital_keys(digital), "digital", self.root.places["digital"])
         tasks = tasks_of(digital)
         self.tasks = tuple(name for name, _, _ in tasks)
-        if not tasks and not {"program", "states"} & digital.entries.keys():
+        if not (tasks or self._may_lack_words or {"program", "states"} & digital.entries.keys()):
             raise PatchError(
                 "digital has no program; add program: (assignments, word: arithmetic) or states:",
                 self.root.places["digital"],

@@ -25,12 +25,14 @@ SECTIONS = (
     "states",
     "remember",
     "words",
+    "full_scales",
 )
 WITHIN_DIGITAL = {
     "program": "word: arithmetic",
     "states": "state: {integrate: rate, initial: value}",
     "remember": "word: first value",
     "words": "word: word length",
+    "full_scales": "word: full scale",
 }
 # Of these, what each of several tasks has for itself.
 OF_TASKS = ("program", "states", "words")

@@ -43,11 +43,16 @@ def _dac(book: Book, name: str, table: Table, place: Place) -> Dac:
         hint = did_you_mean(word, book.named(Role.WORD))
         raise PatchError(f"{what} converts {had} {quoted(word)}; {hint}", fields.tree("dac").place)
     own = [key for key in DAC_KEYS if key.name != "full_scale"]
+    values = fields.quantities(own, scale)
+    if "lead" in values and book.tasks:
+        raise PatchError(
+            f"{what} has a lead, and the patch has tasks; extrapolate in a task", place
+        )
     return Dac(
         name,
         word,
         fields.bits(),
-        fields.quantities(own, scale)["initial"],
+        values["initial"],
         scale.value,
         scale.unit,
         scale.factor,
@@ -55,6 +60,7 @@ def _dac(book: Book, name: str, table: Table, place: Place) -> Dac:
         fields.quantities(ERROR_KEYS),
         place,
         _task(book, fields, "transfer", f"{what} is transferred by"),
+        values.get("lead"),
     )
 
 

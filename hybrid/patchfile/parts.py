@@ -11,7 +11,7 @@ from dataclasses import dataclass, replace
 
 from hybrid.errors import PatchError, Place, did_you_mean, quoted
 from hybrid.fields import check_name, only_keys, table_of
-from hybrid.language import PART_KEYS
+from hybrid.language import MACHINES, PART_KEYS
 from hybrid.parsing import NAME_IN_TEXT
 from hybrid.patchfile.definitions import (
     OF_TASKS,
@@ -22,6 +22,7 @@ from hybrid.patchfile.definitions import (
     definition_in,
     named_definition,
 )
+from hybrid.patchfile.placing import Told
 from hybrid.patchfile.renaming import Part, Scope
 from hybrid.yamltree import Table, Text, Tree, kind_of
 
@@ -57,6 +58,8 @@ class Flat:
     connections: tuple[Connection, ...]
     settings: Mapping[str, Setting]
     texts: tuple[str, ...]
+    parts: tuple[str, ...]
+    told: tuple[Told, ...]  # which parts run on a machine of their own
 
 
 @dataclass(frozen=True, slots=True)
@@ -98,7 +101,8 @@ class _Writer:
         self.connections: list[Connection] = []
         self.settings: dict[str, Setting] = {}
         self.files = Files()
-        self.parts = 0
+        self.parts: list[str] = []
+        self.told: list[Told] = []
 
     def write(
         self,
@@ -149,7 +153,7 @@ class _Writer:
 
     def _put(self, section: str, scope: Scope, name: str, tree: Tree, place: Place) -> None:
         """Add an entry that is written in the whole patch's names."""
-        if "." in name and section not in ("remember", "words"):
+        if "." in name and section not in ("remember", "words", "full_scales"):
             raise PatchError(
                 f"{quoted(name)} cannot be defined here; only parts: makes names with a dot", place
             )
@@ -211,6 +215,9 @@ class _Writer:
             used = error.place if error.place.used else replace(error.place, part=full, used=place)
             raise PatchError(error.message, used) from None
         self._refuse_endless(definition, what, place, trail)
+        self.parts.append(full)
+        if "on" in table.entries:
+            self.told.append(Told(full, _machine(_text(table, "on", what), what), place))
         task = texts["task"].text if "task" in texts else ""
         return _Use(full, definition, table, place, task)
 
@@ -231,8 +238,7 @@ class _Writer:
         if definition.source in trail:
             circle = " -> ".join((*trail[trail.index(definition.source) :], definition.source))
             raise PatchError(f"{what} is part of itself: {circle}; take one of them out", place)
-        self.parts += 1
-        if self.parts > MOST_PARTS:
+        if len(self.parts) >= MOST_PARTS:
             raise PatchError(f"a patch has at most {MOST_PARTS} parts, those of parts too", place)
         if len(trail) > DEEPEST_PARTS:
             raise PatchError(f"parts are at most {DEEPEST_PARTS} deep in each other", place)
@@ -310,6 +316,8 @@ class _Writer:
             tuple(self.connections),
             self.settings,
             tuple(self.files.texts.values()),
+            tuple(self.parts),
+            tuple(self.told),
         )
 
 
@@ -371,6 +379,14 @@ def _text(table: Table, key: str, what: str) -> Text:
     if not isinstance(tree, Text) or not tree.text:
         raise PatchError(f"{what}: {key} must be a text, not {kind_of(tree)}", tree.place)
     return tree
+
+
+def _machine(text: Text, what: str) -> str:
+    if text.text not in MACHINES:
+        raise PatchError(
+            f"{what}: on is {quoted(text.text)}; valid: {', '.join(MACHINES)}", text.place
+        )
+    return text.text
 
 
 def _check_outputs(of: Definition, scope: Scope) -> None:

@@ -17,16 +17,17 @@ from hybrid.expressions import (
     shown,
     to_text,
 )
-from hybrid.fields import Fields, table_of, value_of
+from hybrid.fields import Fields, FullScale, table_of, value_of
+from hybrid.formulas import DEFAULT_FORMULA
 from hybrid.graph import dependency_order, find_loop
 from hybrid.integration import next_of
-from hybrid.language import COUNTED, PROCESSOR_KEYS, TASK_KEYS, Key
+from hybrid.language import COUNTED, FULL_SCALE, PROCESSOR_KEYS, TASK_KEYS, Key
 from hybrid.parsing import parse
 from hybrid.patch import Assignment, ProcessorSettings, Program, State, Task, Value
 from hybrid.patchfile.book import Book, Role, digital_keys, tasks_of
 from hybrid.patchfile.models import check_input, model_names, model_words, refuse_model_name
 from hybrid.patchfile.starting import read_when
-from hybrid.patchfile.states import read_states, settle_dimensions, with_dimension
+from hybrid.patchfile.states import formula_of, read_states, settle_dimensions, with_dimension
 from hybrid.patchfile.wordlengths import read_word_length, read_word_lengths
 from hybrid.processors import PROCESSORS
 from hybrid.units import PURE, Dimension
@@ -55,7 +56,7 @@ def read_program(book: Book) -> Program | None:
     _check_own(programs, integrated)
     written = {word: found for program in programs for word, found in program.items()}
     states = {word: state for own in integrated for word, state in own.items()}
-    orders = [_order(*both) for both in zip(programs, integrated, strict=True)]
+    orders = [computing_order(*both) for both in zip(programs, integrated, strict=True)]
     order = tuple(word for words in orders for word in words)
     remember = _remember(book, digital, written, states)
     in_order = {word: written[word] for word in order}
@@ -77,6 +78,32 @@ def read_program(book: Book) -> Program | None:
         processor,
         counted,
     )
+
+
+def usual_formula(book: Book) -> str:
+    """The integration formula of states that name none."""
+    digital = book.section("digital")
+    return (
+        formula_of(digital, "integration", "digital", DEFAULT_FORMULA)
+        if digital
+        else DEFAULT_FORMULA
+    )
+
+
+def read_full_scales(book: Book, program: Program | None) -> dict[str, FullScale]:
+    """Full scales that words have for when they are put on the analog machine."""
+    digital = book.section("digital")
+    tree = digital.entries.get("full_scales") if digital else None
+    if tree is None:
+        return {}
+    words, found = set(program.words if program else ()), {}
+    for word, item, place in table_of(tree, "full_scales", "word: full scale"):
+        if word not in words:
+            hint = did_you_mean(word, words)
+            raise PatchError(f"full_scales: no word or state {quoted(word)}; {hint}", place)
+        table = Table({"full_scale": item}, {"full_scale": place}, place)
+        found[word] = book.fields(table, f"word {word!r}", (FULL_SCALE,), place).full_scale()
+    return found
 
 
 def _is_counted(table: Table) -> bool:
@@ -277,7 +304,9 @@ def _refuse(book: Book, what: str, name: str, place: Place) -> None:
 STEP = "the step"
 
 
-def _order(written: Mapping[str, Assignment], states: Mapping[str, State]) -> tuple[str, ...]:
+def computing_order(
+    written: Mapping[str, Assignment], states: Mapping[str, State]
+) -> tuple[str, ...]:
     """Words so that each is computed after those it reads, and after the step where it reads next()."""
     needs = {word: _needs(assignment, written) for word, assignment in written.items()}
     needs[STEP] = sorted({name for s in states.values() for name in names(s.expr) & written.keys()})

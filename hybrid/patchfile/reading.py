@@ -12,20 +12,25 @@ from hybrid.patchfile.analog import read_components, read_machine, read_time_sca
 from hybrid.patchfile.book import Book
 from hybrid.patchfile.cords import check_connections, check_cords, check_inputs
 from hybrid.patchfile.interface import read_adcs, read_dacs
+from hybrid.patchfile.leads import with_leads
 from hybrid.patchfile.models import read_models
 from hybrid.patchfile.outcome import read_modes, read_readouts, read_record, read_run
 from hybrid.patchfile.parameters import read_parameters
 from hybrid.patchfile.parts import expand
-from hybrid.patchfile.program import read_program
+from hybrid.patchfile.placing import Placement, told_from
+from hybrid.patchfile.program import read_full_scales, read_program, usual_formula
 from hybrid.patchfile.source import name_of, read_text, short
 from hybrid.patchfile.tables import read_tables
+from hybrid.patchfile.transfer import Orders, transferred
 from hybrid.shipped import find_patch
 from hybrid.yamltree import read_yaml
 
 
-def read_patch(source: str | os.PathLike[str]) -> Patch:
+def read_patch(source: str | os.PathLike[str], on: Placement = None) -> Patch:
     """Read and validate the patch file at `source`, or the shipped patch of that name.
 
+    on: the machine that all of it is to run on, "analog" or "digital", or what is to run where, by
+    the names of parts, signals and words: {"body": "digital"}.
     Raises PatchError for a file that cannot be read or a patch that is wrong in any way.
     """
     if not isinstance(source, str | os.PathLike) or isinstance(os.fspath(source), bytes):
@@ -38,16 +43,17 @@ def read_patch(source: str | os.PathLike[str]) -> Patch:
         )
     path = find_patch(os.fspath(source))
     name = name_of(path)
-    return parse_patch(read_text(path, Place(short(name))), name)
+    return parse_patch(read_text(path, Place(short(name))), name, on)
 
 
-def parse_patch(text: str, file: str = "<text>") -> Patch:
-    """Validate a patch given as YAML text; `file` is the name used in messages."""
+def parse_patch(text: str, file: str = "<text>", on: Placement = None) -> Patch:
+    """Validate a patch given as YAML text; `file` is the name used in messages, `on` as above."""
+    outside = told_from(on)
     whole = read_yaml(text, file)
     top = Fields(whole, "the patch", TOP_KEYS, {})
     title, description = top.line("title"), top.text("description", "")
     flat = expand(whole, file)
-    book = Book(flat.root)
+    book = Book(flat.root, may_lack_words=bool(flat.told or outside))
     check_inputs(book, flat.connections)
     parameters = read_parameters(book, flat.settings)
     book.tables.update(read_tables(book))
@@ -59,6 +65,7 @@ def parse_patch(text: str, file: str = "<text>") -> Patch:
     program = read_program(book)
     check_connections(book, flat.connections, program)
     check_cords(book, components, dacs, program)
+    full_scales = read_full_scales(book, program)
     patch = Patch(
         title,
         description,
@@ -77,14 +84,15 @@ def parse_patch(text: str, file: str = "<text>") -> Patch:
         read_time_scale(book),
         book.files.hashes,
     )
-    _try_numbers(patch)
-    return patch
+    _try_numbers(patch, [scale.value for scale in full_scales.values()])
+    orders = Orders(flat.told, outside, flat.parts, usual_formula(book), full_scales)
+    return with_leads(transferred(patch, orders))
 
 
-def _try_numbers(patch: Patch) -> None:
+def _try_numbers(patch: Patch, others: list[Value]) -> None:
     """Evaluate every number once with the default parameters, so that mistakes show at once."""
     scope = patch.bind()
-    for value in _numbers(patch):
+    for value in _numbers(patch) + others:
         value.number(scope)
     for readout in patch.readouts:
         start, end = readout.start, readout.end
@@ -101,6 +109,7 @@ def _numbers(patch: Patch) -> list[Value]:
         found += [*component.values.values(), *(value for _, value in component.terms)]
         found += [value for point in component.points for value in point]
     optional = [patch.run.until, patch.run.every, *(dac.initial for dac in patch.dacs)]
+    optional += [dac.lead for dac in patch.dacs]
     optional += [patch.time_scale, patch.machine.pot_resolution]
     for adc in patch.adcs:
         optional += [adc.range, adc.conversion_time]

@@ -28,8 +28,8 @@ def read_states(
 
     within: the task that integrates them, or `digital` itself; what: the same for messages.
     """
-    usual = _formula(digital, "integration", "digital", DEFAULT_FORMULA)
-    usual = _formula(within, "integration", what, usual)
+    usual = formula_of(digital, "integration", "digital", DEFAULT_FORMULA)
+    usual = formula_of(within, "integration", what, usual)
     tree = within.entries.get("states")
     if tree is None:
         return {}
@@ -61,7 +61,7 @@ def _state(
         name,
         rate,
         value,
-        _formula(table, "formula", what, usual),
+        formula_of(table, "formula", what, usual),
         place,
         None if dimension is None or dimension.is_pure else dimension,
         *(_arithmetic(fields, key, readable, book.tables) for key in reset),
@@ -80,7 +80,8 @@ def _arithmetic(
         raise PatchError(f"{what}: {error}", tree.place) from None
 
 
-def _formula(table: Table, key: str, what: str, default: str) -> str:
+def formula_of(table: Table, key: str, what: str, default: str) -> str:
+    """The integration formula under a key, `default` where there is none."""
     tree = table.entries.get(key)
     if tree is None:
         return default
