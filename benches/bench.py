@@ -23,6 +23,7 @@ class Options:
 
     quick: bool
     json: bool
+    out: str | None = None  # a picture, of a bench that draws one
 
 
 @dataclass(frozen=True, slots=True)
@@ -36,15 +37,17 @@ class Table:
     notes: str = ""
 
 
-def parse_options(about: str) -> Options:
-    """Read --quick and --json; `about` is the bench's own docstring."""
+def parse_options(about: str, draws: bool = False) -> Options:
+    """Read --quick and --json, and --out where it draws; `about` is the bench's own docstring."""
     parser = argparse.ArgumentParser(
         description=about, formatter_class=argparse.RawDescriptionHelpFormatter
     )
     parser.add_argument("--quick", action="store_true", help="fewer cases, shorter runs")
     parser.add_argument("--json", action="store_true", help="print one JSON object")
+    if draws:
+        parser.add_argument("--out", metavar="FILE", help="draw a chart, SVG or PNG")
     options = parser.parse_args()
-    return Options(options.quick, options.json)
+    return Options(options.quick, options.json, options.out if draws else None)
 
 
 def finish(

@@ -214,8 +214,10 @@ def _analog_case(machine: Machine) -> Case | None:
 
 def signal_graph(patch: Patch) -> dict[str, list[str]]:
     """Which signals each signal feeds, through components, converters and the program."""
-    words = patch.program.words if patch.program else ()  # those of models, too
-    feeds: dict[str, set[str]] = {name: set() for name in (*patch.signals, *words)}
+    # Words: those of models, too, and what a DAC shows ahead, which is not recorded.
+    words = patch.program.words if patch.program else ()
+    known = {*patch.signals, *words, *(dac.word for dac in patch.dacs)}
+    feeds: dict[str, set[str]] = {name: set() for name in sorted(known)}
     for component in patch.components:
         for source in component.sources:
             feeds[source].add(component.name)

@@ -206,9 +206,9 @@ class _Transfer:
         """The constant 1, where something reads it."""
         if not any(self.reference in component.sources for component in components):
             return []
-        one = replace(literal(1.0), what=f"value of {self.reference!r}")
+        one, room = literal(1.0), literal(1.25)  # so that noise on it is no overload
         return [
-            Component(self.reference, "constant", (), {"constant": one}, one, "", 1.0, PURE, {})
+            Component(self.reference, "constant", (), {"constant": one}, room, "", 1.0, PURE, {})
         ]
 
     def _program_of(self, written: Sequence[Assignment | State]) -> Program | None:
