@@ -21,9 +21,9 @@ from hybrid.engine.sweep import (
 # A lag that settles at full scale may stand above it by rounding.
 FULL_SCALE = 1.0 + 1e-12
 # A resolved signal that is nowhere beyond this at the points stays below full scale between them: for a
-# sine to rise by a tenth from a point to its peak, the window would be 4 rad long, where 8 nodes leave
-# 1e-4 of it.
-NEAR = 0.9
+# sine to rise by 3 % from a point to its peak, the window would be 2.5 rad long, of which 8 nodes leave
+# 3e-6 and more.
+NEAR = 0.97
 HALVINGS = 60
 
 
