@@ -87,7 +87,7 @@ def short_loops(
     """
     found: list[tuple[str, ...]] = []
     place = {name: i for i, name in enumerate(roots)}
-    queue: collections.deque[tuple[str, ...]] = collections.deque((name,) for name in roots)
+    queue = collections.deque[tuple[str, ...]]((name,) for name in roots)
     for _ in range(MOST_STEPS):
         if not queue or len(found) >= most:
             break

@@ -8,7 +8,7 @@ written. The same patch gives the same bytes, in whatever order its entries stan
 from __future__ import annotations
 
 import itertools
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 
@@ -28,10 +28,10 @@ from hybrid.charts.symbols import (
     words,
 )
 from hybrid.components import CATALOG
-from hybrid.errors import RunError
-from hybrid.expressions import Name, to_text
+from hybrid.errors import RunError, counted
+from hybrid.expressions import Name, Number, to_text
 from hybrid.modes import LOGIC
-from hybrid.patch import Adc, Component, Dac, Patch, State, Value
+from hybrid.patch import Adc, Assignment, Component, Dac, Patch, State, Value
 from hybrid.storage import write_whole
 
 NAME_SIZE, SMALL_SIZE, PILL_SIZE = 11.0, 9.0, 9.0
@@ -145,7 +145,9 @@ class Sheet:
 
     def _add_component(self, component: Component) -> None:
         name, kind = component.name, component.kind
-        inputs: list[tuple[str, Value | None]] = [*component.terms]
+        # What is taken zero times has no cord; a part of which nothing would be left shows them all.
+        taken = [(s, v) for s, v in component.terms if v.number(self.scope)]
+        inputs: list[tuple[str, Value | None]] = [*(taken or component.terms)]
         inputs += [(signal, None) for signal in component.signals]
         # What sets a mode comes in as a control does; the machine's own mode needs no cord.
         others = (component.initial_signal, *component.controls)
@@ -252,10 +254,8 @@ class Sheet:
         program = self.patch.program
         assert program is not None
         driving = {dac.word for dac in self.patch.dacs}
-        shown = [a for a in program.written if a.word in driving]
-        spare = max(MOST_WORDS - len(shown), 0)
-        others = [a for a in program.written if a.word not in driving][:spare]
-        kept = {a.word for a in (*shown, *others)}
+        telling = sorted(program.written, key=lambda entry: _weight(entry, driving))  # keeps order
+        kept = {a.word for a in telling[: max(MOST_WORDS, len(driving))] if not a.hidden}
         for assignment in program.written:
             if assignment.word in kept:
                 whole = to_text(assignment.expr)
@@ -265,8 +265,8 @@ class Sheet:
                 if len(cut) > LONGEST_EXPRESSION:
                     cut = cut[: LONGEST_EXPRESSION - 1] + "…"
                 self.rows.append((assignment.word, cut, whole))
-        hidden = len(program.words) - len(kept)
-        below = (f"and {hidden} more words",) if hidden else ()
+        left_out = len(program.words) - len(kept)
+        below = (f"and {counted(left_out, 'more word')}",) if left_out else ()
         widths = [
             text_width(word, NAME_SIZE, bold=True) + text_width(f" = {shown_}", 10.0)
             for word, shown_, _ in self.rows
@@ -595,6 +595,15 @@ class Sheet:
         for y in part.box.outs.values():
             inner.append(line((width - 8, y - 4), (width - 2, y), (width - 8, y + 4)))
         return tag("g", "".join(inner), transform=f"translate({at[0]:g} {at[1]:g})")
+
+
+def _weight(entry: Assignment | State, driving: Collection[str]) -> int:
+    """How little a word tells: least those of a model's file, then copies and numbers."""
+    if entry.word in driving:
+        return 0
+    if isinstance(entry, State):
+        return 1
+    return 4 if entry.hidden else 3 if isinstance(entry.expr, Name | Number) else 2
 
 
 def _corners(points: Sequence[Point]) -> list[Point]:

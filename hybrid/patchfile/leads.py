@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 
+from hybrid.errors import PatchError
 from hybrid.expressions import Binary, Call, Name
 from hybrid.patch import Assignment, Dac, Patch, Program, State
 
@@ -27,9 +28,17 @@ def with_leads(patch: Patch) -> Patch:
 
 def _led(dac: Dac, program: Program) -> tuple[Program, str]:
     """word + lead/period (word - previous(word)), and its name, which no patch can have."""
+    task = next((t for t in program.tasks if dac.word in (*t.words, *t.states)), None)
+    period = task.period if task else program.period
+    if period is None:
+        raise PatchError(
+            f"dac {dac.name!r} has a lead, but a comparator starts the task of {dac.word!r}: its cycles "
+            "have no period; leave lead: out",
+            dac.place,
+        )
     assert dac.lead is not None
     word = Name(dac.word)
-    cycles = Binary("/", dac.lead.expr, program.period.expr)
+    cycles = Binary("/", dac.lead.expr, period.expr)
     change = Binary("-", word, Call("previous", (word,)))
     expr = Binary("+", word, Binary("*", cycles, change))
     name = f"{dac.name} ahead"
@@ -41,5 +50,10 @@ def _led(dac: Dac, program: Program) -> tuple[Program, str]:
     lengths = dict(program.lengths)
     if dac.word in lengths:
         lengths[name] = lengths[dac.word]
-    assignments = (*program.assignments, made)
-    return replace(program, assignments=assignments, remember=remember, lengths=lengths), name
+    own = set(task.words) if task else set(program.words)
+    at = max((i + 1 for i, a in enumerate(program.assignments) if a.word in own), default=0)
+    assignments = (*program.assignments[:at], made, *program.assignments[at:])
+    tasks = tuple(replace(t, words=(*t.words, name)) if t is task else t for t in program.tasks)
+    return replace(
+        program, assignments=assignments, remember=remember, lengths=lengths, tasks=tasks
+    ), name
