@@ -201,6 +201,12 @@ DIGITAL_KEYS = (
         "word: full scale, for when the word is put on the analog machine",
         default="that of a DAC of the word",
     ),
+    Key(
+        "units",
+        Holds.TERMS,
+        "units in which words and states are shown, such as deg",
+        default="that of the DAC, or SI",
+    ),
     Key("program", Holds.TERMS, "assignments, word: arithmetic; needed where there are no states"),
     Key("states", Holds.TERMS, "words that the program integrates, state: {integrate: rate, ...}"),
     Key(
@@ -477,14 +483,14 @@ DEFINITION_KEYS = (
     Key("models", Holds.TERMS, "name: DAVE-ML model"),
     Key("analog", Holds.TERMS, "signal: component"),
     Key("interface", Holds.TERMS, "signal: adc or dac"),
-    Key("digital", Holds.TERMS, "words: program, states, remember and words"),
+    Key("digital", Holds.TERMS, "words: program, states, remember, words and units"),
     Key("parts", Holds.TERMS, "name: sub-patch"),
 )
 
 PART_DIGITAL_KEYS = tuple(
     key
     for key in DIGITAL_KEYS
-    if key.name in ("program", "remember", "states", "words", "full_scales")
+    if key.name in ("program", "remember", "states", "words", "full_scales", "units")
 )
 
 PART_KEYS = (

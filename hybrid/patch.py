@@ -236,6 +236,8 @@ class Program:
     preemptive: bool = True
     processor: ProcessorSettings | None = None
     counted: bool = False  # the compute time of the one program is that of its operations
+    # In which words are shown, with the SI value of one, where it is given.
+    units: Mapping[str, tuple[str, float]] = field(default_factory=dict)
 
     @property
     def written(self) -> tuple[Assignment | State, ...]:

@@ -58,11 +58,13 @@ def _units_of(patch: Patch) -> Mapping[str, tuple[str, float]]:
     shown = {part.name: (part.unit, part.factor) for part in patch.analog_parts}
     shown |= {adc.name: shown[adc.source] for adc in patch.adcs}
     by_word = {dac.word: shown[dac.name] for dac in patch.dacs}
-    for entry in patch.program.written if patch.program else ():
+    if patch.program is None:
+        return shown
+    for entry in patch.program.written:
         unknown = entry.dimension is None or entry.dimension.is_pure
         plain = ("" if unknown else str(entry.dimension), 1.0)
         shown[entry.word] = by_word.get(entry.word, plain)
-    return shown
+    return {**shown, **patch.program.units}
 
 
 def full_scales(machine: Machine) -> dict[str, float]:

@@ -250,7 +250,9 @@ def _digital(keys: Iterable[Key]) -> dict[str, Any]:
     made = _object(keys)
     length = {"anyOf": [{"enum": ["float64", "float32"]}, _word_length()]}
     words = {**_map(length, {}), "examples": [{"moment_word": "float32"}]}
-    contents = {"word": {**length, "examples": ["float32"]}, "words": words}
+    unit = {"type": "string", "minLength": 1}
+    units = {**_map(unit, {}), "examples": [{"pitch": "deg"}]}
+    contents = {"word": {**length, "examples": ["float32"]}, "words": words, "units": units}
     _put({name: contents[name] for name in contents if name in made["properties"]}, made)
     made["properties"]["program"]["minProperties"] = 1
     states = made["properties"]["states"]

@@ -94,7 +94,9 @@ class TestWhatIsDrawn:
         patch = sheet.patch
         due = Counter()
         for component in patch.components:
-            reads = [s for s, _ in component.terms] + list(component.signals)
+            # What is taken zero times needs no cord.
+            terms = [s for s, gain in component.terms if gain.number(sheet.scope)]
+            reads = terms + list(component.signals)
             reads += {component.initial_signal, *component.controls} & set(patch.signals)
             due.update(f"{source}>{component.name}" for source in reads)
         due.update(f"{adc.source}>{adc.name}" for adc in patch.adcs)

@@ -26,6 +26,7 @@ SECTIONS = (
     "remember",
     "words",
     "full_scales",
+    "units",
 )
 WITHIN_DIGITAL = {
     "program": "word: arithmetic",
@@ -33,6 +34,7 @@ WITHIN_DIGITAL = {
     "remember": "word: first value",
     "words": "word: word length",
     "full_scales": "word: full scale",
+    "units": "word: unit",
 }
 # Of these, what each of several tasks has for itself.
 OF_TASKS = ("program", "states", "words")

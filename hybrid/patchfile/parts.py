@@ -147,13 +147,14 @@ class _Writer:
             "interface": scope.converter,
             "states": scope.state,
             "words": scope.word_length,
+            "units": scope.plain,
         }
         rewritten = rewrite.get(section, scope.arithmetic)(tree)
         self._put(section, scope, name, rewritten, scope.place(place))
 
     def _put(self, section: str, scope: Scope, name: str, tree: Tree, place: Place) -> None:
         """Add an entry that is written in the whole patch's names."""
-        if "." in name and section not in ("remember", "words", "full_scales"):
+        if "." in name and section not in ("remember", "words", "full_scales", "units"):
             raise PatchError(
                 f"{quoted(name)} cannot be defined here; only parts: makes names with a dot", place
             )

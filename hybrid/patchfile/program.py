@@ -26,6 +26,7 @@ from hybrid.parsing import parse
 from hybrid.patch import Assignment, ProcessorSettings, Program, State, Task, Value
 from hybrid.patchfile.book import Book, Role, digital_keys, tasks_of
 from hybrid.patchfile.models import check_input, model_names, model_words, refuse_model_name
+from hybrid.patchfile.shownunits import read_shown_units
 from hybrid.patchfile.starting import read_when
 from hybrid.patchfile.states import formula_of, read_states, settle_dimensions, with_dimension
 from hybrid.patchfile.wordlengths import read_word_length, read_word_lengths
@@ -63,6 +64,7 @@ def read_program(book: Book) -> Program | None:
     dimensions = _word_dimensions(book, in_order, states, remember, len(programs))
     tasks = _tasks(book, digital, orders, integrated, processor)
     computed = [frozenset((*own, *p)) for own, p in zip(integrated, programs, strict=True)]
+    all_words = frozenset((*written, *states))
     return Program(
         next((t.period for t in tasks if t.period), None) if tasks else values["period"],
         values.get("compute_time"),
@@ -77,6 +79,7 @@ def read_program(book: Book) -> Program | None:
         not _chosen(fields, keys, "scheduling"),
         processor,
         counted,
+        read_shown_units(digital, dimensions, all_words),
     )
 
 
