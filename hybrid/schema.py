@@ -251,7 +251,7 @@ def _digital(keys: Iterable[Key]) -> dict[str, Any]:
     length = {"anyOf": [{"enum": ["float64", "float32"]}, _word_length()]}
     words = {**_map(length, {}), "examples": [{"moment_word": "float32"}]}
     unit = {"type": "string", "minLength": 1}
-    units = {**_map(unit, {}), "examples": [{"pitch": "deg"}]}
+    units = {**_map(unit, {}), "examples": [{"moment_word": "deg/s^2"}]}
     contents = {"word": {**length, "examples": ["float32"]}, "words": words, "units": units}
     _put({name: contents[name] for name in contents if name in made["properties"]}, made)
     made["properties"]["program"]["minProperties"] = 1

@@ -104,7 +104,7 @@ run: {{until: 1 s}}
 """
     record = hybrid.run(hybrid.parse_patch(text), given, machine="ideal").record
     for name in ("yaw", "pitch", "roll"):
-        difference = float(record[f"angles.{name}"][-1]) - given[name]
+        difference = np.radians(float(record[f"angles.{name}"][-1])) - given[name]
         assert abs((difference + np.pi) % (2 * np.pi) - np.pi) < 1e-14, name
 
 
@@ -142,8 +142,8 @@ def test_flight_is_that_in_axes_that_do_not_turn(
     # Distances of 6.4e6 m in double precision, summed over 600 cycles.
     np.testing.assert_allclose(found, fixed, rtol=0, atol=1e-6)
     lat, lon, high = np.transpose([surroundings.geodetic(*p) for p in fixed.T])
-    np.testing.assert_allclose(record["latitude"], lat, atol=1e-12)
-    np.testing.assert_allclose(record["longitude"], lon, atol=1e-12)
+    np.testing.assert_allclose(np.radians(record["latitude"]), lat, atol=1e-12)
+    np.testing.assert_allclose(np.radians(record["longitude"]), lon, atol=1e-12)
     np.testing.assert_allclose(record["height"], high, atol=2e-6)
     told = [float(record[name][0]) for name in ("north", "east", "down")]
     np.testing.assert_allclose(told, [north, east, down], atol=1e-12)
@@ -190,7 +190,7 @@ run: {until: 6.2 s}
     made = hybrid.run(hybrid.parse_patch(text), machine="ideal")
     record = made.record
     turned_by = 0.5 * record["time"].values
-    shown = {name: record[f"angles.{name}"].values for name in ("yaw", "pitch", "roll")}
+    shown = {name: np.radians(record[f"angles.{name}"]) for name in ("yaw", "pitch", "roll")}
     before = turned_by < np.pi / 2
     expected = np.where(before, turned_by, np.pi - turned_by)
     np.testing.assert_allclose(shown["pitch"], expected, atol=1e-9)
