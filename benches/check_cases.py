@@ -33,6 +33,8 @@ from flights.figures import LARGEST, Published, Shown, apart, published_as_shown
 from flights.flying import fly, prepared, shipped, time_column, trim_errors
 from peers import by_jsbsim
 
+from hybrid.arguments import parameters_of
+
 FOLDER = Path(__file__).parent.parent.parent / "shared" / "reference"
 REFERENCE = Path(os.environ.get("HYBRID_REFERENCE") or FOLDER)
 MOST_NAMED = 3  # causes that are named for a figure
@@ -53,7 +55,7 @@ def judge(
     """The row of a case on a machine, and one for each cause of its errors."""
     flight = case.flights[machine]
     rows, given = prepared(case, flight, published_run(REFERENCE / case.file))
-    times_s, patch = rows[time_column(case)], shipped(flight.patch)
+    times_s, patch = rows[time_column(case)], shipped(flight.patch, flight.on)
     figures = [name for name in flight.tolerances if not name.startswith("trim_")]
     told, flown = published_as_shown(rows, case.orbits), fly(patch, given, times_s)
     trims = trim_errors(given) if flight.trimmed else {}
@@ -69,7 +71,7 @@ def judge(
     if options.quick:
         return row, []
     head, causes = {"case": case.name, "machine": machine}, []
-    is_hybrid, usual = machine == "hybrid", patch.bind()
+    is_hybrid, usual = machine == "hybrid", patch.bind(parameters_of(patch, given))
     quiet = without_noise(patch) if is_hybrid else patch
     silent = fly(quiet, given, times_s) if is_hybrid else flown
     for cause in causes_of(patch, is_hybrid):
@@ -79,14 +81,6 @@ def judge(
         beside = silent if cause.quiet else flown
         found = compared(without, told, beside, figures)
         causes.append({**head, "without": cause.name, "group": cause.group, **found})
-    for name, settings in case.left_out.items() if is_hybrid else ():
-        digital = shipped(case.flights["digital"].patch)
-        whole, without = (fly(digital, {**given, **more}, times_s) for more in ({}, settings))
-        found = {
-            "errors": differences(flown, without, figures),
-            "changes": differences(whole, without, figures),
-        }
-        causes.append({**head, "without": name, "group": "", **found})
     return row, causes
 
 

@@ -25,9 +25,9 @@ def factor(unit: str) -> float:
 
 
 @functools.cache
-def shipped(name: str) -> Patch:
-    """A patch that ships, with a row of the record for every cycle."""
-    patch = hybrid.read_patch(shipped_folder() / f"{name}.yaml")
+def shipped(name: str, on: str | None = None) -> Patch:
+    """A patch that ships, all of it on a machine, with a row of the record for every cycle."""
+    patch = hybrid.read_patch(shipped_folder() / f"{name}.yaml", on)
     return replace(patch, run=replace(patch.run, every=None))
 
 
