@@ -21,6 +21,7 @@ from hybrid.shipped import shipped_folder, shipped_patches
 
 MASS, INERTIA, ROLL_INERTIA = 3000.0, 3600.0, 4000.0
 GENTLE = {"pitch": "-5 deg"}  # 3 deg above the path: within the first 5 deg the table is one line
+DIGITAL = {"lead": 0.0, "compute_time": 0.0}  # with which the digital machine flies it alone
 TABLE = shipped_folder() / "parts" / "sphere_cone.csv"
 
 
@@ -142,20 +143,21 @@ def rates_of(coefficients):
     return rates
 
 
-def played(name: str, until: float, given=None, machine="ideal", every: float = 0.02, **change):
-    """A shipped patch over a shorter time, `change` replaced in its text or its part's."""
-    text = shipped_patches()[name].read_text(encoding="utf-8")
+def played(until: float, given=None, machine="digital", every: float = 0.02):
+    """The patch over a shorter time, on a machine of that preset or on the digital machine alone."""
+    file, alone = shipped_patches()["reentry"], machine == "digital"
+    text = file.read_text(encoding="utf-8").replace(", from: 50 s", "")
     text = text.replace("until: 100 s, every: 0.02 s", f"until: {until} s, every: {every} s")
-    text = text.replace(", from: 50 s", "")
-    patch = hybrid.parse_patch(text, str(shipped_patches()[name]))
-    result = hybrid.run(patch, given, machine=machine)
+    patch = hybrid.parse_patch(text, str(file), "digital" if alone else None)
+    given = {**(DIGITAL if alone else {}), **(given or {})}
+    result = hybrid.run(patch, given, machine="ideal" if alone else machine)
     assert result.status == "complete"
     return result
 
 
 def test_the_digital_flight_is_that_of_an_independent_integration() -> None:
     """Askew in pitch and in yaw, for 50 s; the swing's phase is what a step of RK4 gets wrong."""
-    record = played("reentry_digital", 50.0, {"yaw": "80 deg"}, every=0.1).record
+    record = played(50.0, {"yaw": "80 deg"}, every=0.1).record
     time = record["time"].values[1:]
     first = start(80.0, 12.0, (7330.0, 1030.0))
     flown = solve_ivp(
@@ -185,11 +187,7 @@ def test_the_digital_flight_is_that_of_an_independent_integration() -> None:
 def gentle(machine: str = "digital", lead: str = ""):
     """Angle of attack (rad) and frequency of the swing (rad/s) at the rows of a gentle start."""
     given = {**GENTLE, **({"lead": lead} if lead else {})}
-    if machine == "digital":
-        record = played("reentry_digital", 45.0, GENTLE).record
-    else:
-        record = played("reentry", 45.0, given, machine).record
-    record = record.isel(time=slice(1, None))
+    record = played(45.0, given, machine).record.isel(time=slice(1, None))
     coefficients = interpolator()
     points = zip(record["air.mach"].values, record["flight.height"].values / 1e3, strict=True)
     slope = np.array([coefficients([m, h, 5.0])[2] / math.radians(5.0) for m, h in points])
@@ -275,7 +273,7 @@ def test_the_hardest_deceleration_is_that_of_allen_and_eggers(tmp_path: Path, sc
         text.replace("pressure: density_us76(height)*speed**2/2", f'pressure: "{thin}*speed**2/2"'),
         encoding="utf-8",
     )
-    text = shipped_patches()["reentry_digital"].read_text(encoding="utf-8")
+    text = shipped_patches()["reentry"].read_text(encoding="utf-8")
     (tmp_path / "fall.yaml").write_text(
         text.replace("100 s, every: 0.02 s", "30 s, every: 0.02 s").replace(", from: 50 s", ""),
         encoding="utf-8",
@@ -283,7 +281,8 @@ def test_the_hardest_deceleration_is_that_of_allen_and_eggers(tmp_path: Path, sc
     found = []
     for mass in (2000.0, 3000.0):
         fall = {"east": 0.0, "down": 6000.0, "pitch": "-90 deg", "mass": mass}
-        result = hybrid.run(tmp_path / "fall.yaml", fall)
+        patch = hybrid.read_patch(tmp_path / "fall.yaml", "digital")
+        result = hybrid.run(patch, {**DIGITAL, **fall}, machine="ideal")
         hardest = result.readouts["hardest"]
         height = np.interp(hardest["time_s"], result.record["time"], result.record["flight.height"])
         # Where density H = m/(C A), C_A = 0.96 to 1 of k = 1.84 about a Mach number of 12.
@@ -298,8 +297,8 @@ def test_the_hardest_deceleration_is_that_of_allen_and_eggers(tmp_path: Path, sc
 
 def test_both_machines_fly_the_same_path() -> None:
     """Lags and converters hardly touch the path; the swing is what T may change."""
-    split = played("reentry", 45.0, machine="lags")
-    whole = played("reentry_digital", 45.0)
+    split = played(45.0, machine="lags")
+    whole = played(45.0)
     a, b = split.record.isel(time=slice(1, None)), whole.record.isel(time=slice(1, None))
     assert split.overloads == ()
     late = a["time"].values > 1.0
