@@ -612,7 +612,7 @@ WRONG = {
         "slow: {",
         "slow: {overrun: wait, ",
         13,
-        "overrun is 'wait'; valid: queue, skip, stop",
+        "overrun is 'wait'; valid: skip, queue, stop",
     ),
     "unknown task": ("{adc: angle}", "{adc: angle, task: quick}", 8, "unknown task 'quick'"),
     "scheduling": ("  tasks:\n", "  scheduling: fair\n  tasks:\n", 11, "scheduling is 'fair'"),
