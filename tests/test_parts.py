@@ -355,7 +355,7 @@ def test_the_schema_knows_parts(text: str) -> None:
 
 def test_a_sub_patch_has_tables_of_its_own(tmp_path: Path) -> None:
     (tmp_path / "inner").mkdir()
-    (tmp_path / "inner" / "lift.csv").write_text("alpha,lift\n0,0\n1,2\n2,3\n")
+    (tmp_path / "inner" / "lift.csv").write_text("alpha,other,lift\n0,9,0\n1,9,2\n2,9,3\n")
     (tmp_path / "inner" / "wing.yaml").write_text(
         "title: Wing\n"
         "inputs: {alpha: 0.5}\n"

@@ -251,7 +251,8 @@ def _wanted(
     if twice is not None:
         raise PatchError(f"two columns are named {quoted(twice)}; rename one", place)
     left = [heading for heading in headings if heading not in {c.name for c in inputs}]
-    asked = fields.text("output", left[0] if len(left) == 1 else output.name)
+    own_name = output.name.rpartition(".")[2]  # without those of the parts that it is in
+    asked = fields.text("output", left[0] if len(left) == 1 else own_name)
     found = []
     for name, column in [*((c.name, c) for c in inputs), (asked, output)]:
         if name not in headings:
