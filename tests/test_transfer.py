@@ -278,6 +278,32 @@ record: [x, shown]
     assert moved.program.remember and not moved.adcs
 
 
+def test_a_lead_goes_by_the_cycles_of_the_task_that_computes_the_word() -> None:
+    """A ramp of 6 1/s through a slow and a fast task, each shown ahead by half its own cycle."""
+    text = """\
+title: Ramp
+machine: ideal
+analog: {x: {ramp: 2 1/s, full_scale: 10}}
+interface:
+  seen: {adc: x, task: fast}
+  caught: {adc: x, task: slow}
+  quickly: {dac: quick, full_scale: 20, initial: 0, lead: 5 ms}
+  slowly: {dac: late, full_scale: 20, initial: 0, lead: 25 ms}
+digital:
+  tasks:
+    fast: {period: 10 ms, compute_time: 0, program: {quick: 3*seen}}
+    slow: {period: 50 ms, compute_time: 0, program: {late: 3*caught}}
+run: {until: 1 s, every: 5 ms}
+record: [quickly, slowly]
+"""
+    record = hybrid.run(parse_patch(text)).record
+    n = np.arange(len(record["time"]))  # of 5 ms; rows where a cycle begins show either word
+    for name, rows in (("quickly", 2), ("slowly", 10)):
+        within = (n % rows != 0) & (n > rows)  # the first cycle knows none before it
+        middle_s = 0.005 * rows * (n // rows + 0.5)
+        np.testing.assert_allclose(record[name][within], 6 * middle_s[within], atol=1e-12)
+
+
 # -- what cannot be ---------------------------------------------------------------------------------
 
 TO_DIGITAL = {
@@ -366,7 +392,10 @@ OTHERWISE = {
         {"word": "analog"},
         "full_scales: no word or state 'wod'; did you mean 'word'",
     ),
-    "lead": (None, "DAC 'torque' has a lead, and the patch has tasks"),
+    "lead": (
+        None,
+        "DAC 'torque' has a lead, but a comparator starts the task of 'word': its cycles",
+    ),
     "on": (None, "part 'p': on is 'both'; valid: analog, digital"),
 }
 
@@ -394,12 +423,16 @@ def test_what_else_cannot_be(case: str) -> None:
         text = text.replace(*changes[case])
     if case in ("tasks", "lead"):
         head, _, _ = text.partition("digital:")
-        task = "{period: cycle, compute_time: 0, program: {word: -100*sample*unit2}}"
+        start = "period: cycle" if case == "tasks" else "when: high rises"
+        task = f"{{{start}, compute_time: 0, program: {{word: -100*sample*unit2}}}}"
         text = f"{head}digital: {{tasks: {{one: {task}}}}}\nrun: {{until: 1 s}}\n"
         text = text.replace("rad/s^2", "rad/s")
         text = text.replace("{torque: 1}", "{torque: unit2}")
     if case == "lead":
         text = text.replace("bits: 12, full", "lead: 1 ms, bits: 12, full")
+        high = "high: {compare: {angle: 1}, high: 1, hysteresis: 0.1, full_scale: 1}"
+        text = text.replace("analog:\n", f"analog:\n  {high}\n")
+        text = text.replace("until: 1 s", "until: 1 s, every: 0.1 s")
     if case == "no digital machine":
         text = """\
 title: T

@@ -44,10 +44,6 @@ def _dac(book: Book, name: str, table: Table, place: Place) -> Dac:
         raise PatchError(f"{what} converts {had} {quoted(word)}; {hint}", fields.tree("dac").place)
     own = [key for key in DAC_KEYS if key.name != "full_scale"]
     values = fields.quantities(own, scale)
-    if "lead" in values and book.tasks:
-        raise PatchError(
-            f"{what} has a lead, and the patch has tasks; extrapolate in a task", place
-        )
     return Dac(
         name,
         word,

@@ -2,7 +2,7 @@
 
 A word reaches the analog machine late by its compute time and, as the DAC holds it for a cycle, by half
 a cycle more on the average. A `lead` of so much makes up for it to first order. It belongs to the
-converter: where both ends are on one machine there is none.
+converter: where both ends are on one machine there is none. The cycles are those of the word's task.
 """
 
 from __future__ import annotations
@@ -32,7 +32,7 @@ def _led(dac: Dac, program: Program) -> tuple[Program, str]:
     period = task.period if task else program.period
     if period is None:
         raise PatchError(
-            f"dac {dac.name!r} has a lead, but a comparator starts the task of {dac.word!r}: its cycles "
+            f"DAC {dac.name!r} has a lead, but a comparator starts the task of {dac.word!r}: its cycles "
             "have no period; leave lead: out",
             dac.place,
         )
