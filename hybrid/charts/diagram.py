@@ -255,7 +255,9 @@ class Sheet:
         assert program is not None
         driving = {dac.word for dac in self.patch.dacs}
         telling = sorted(program.written, key=lambda entry: _weight(entry, driving))  # keeps order
-        kept = {a.word for a in telling[: max(MOST_WORDS, len(driving))] if not a.hidden}
+        telling = telling[: max(MOST_WORDS, len(driving))]
+        # Hidden words are left out, but for those that a cord begins at.
+        kept = {a.word for a in telling if not a.hidden or a.word in driving}
         for assignment in program.written:
             if assignment.word in kept:
                 whole = to_text(assignment.expr)
