@@ -7,6 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
+from scipy.spatial.transform import Rotation
 from scipy.special import ellipk
 from six_dof import EARTH_RATE, free_body, local_directions, settings, tensor, turned
 
@@ -208,3 +209,37 @@ run: {until: 6.2 s}
     (told,) = made.outside
     assert (told["function"], told["times"], told["action"]) == ("angles.gimbal", 7, "clamped")
     assert told["time_s"] == 3.11 and "angles.gimbal" in made.status_note
+
+
+def test_what_the_air_does_to_a_body_is_that_of_its_coefficients() -> None:
+    """By the formulas with the speed below: L = clp (p b/2V) q S b; in sea level air of 1.225 kg/m^3."""
+    text = """\
+title: Air
+parts:
+  body:
+    file: parts/damping.yaml
+    inputs: {p: 1e-3 rad/s, q: -2e-3 rad/s, r: 3e-3 rad/s, s: 0.5, x: 0.1, y: -0.7, z: 0.5,
+      density: 0.9 kg/m^3, speed: 50 m/s}
+    parameters: {area: 2 m^2, span: 3 m, chord: 0.5 m, clp: -0.4, cmq: -8, cnr: -0.2}
+  ball:
+    file: parts/drag.yaml
+    inputs: {vx: 100 m/s, vy: -50 m/s, vz: 20 m/s, height: 0 m}
+    parameters: {area: 2 m^2, coefficient: 0.3}
+digital: {period: 1 s, compute_time: 0}
+run: {until: 1 s}
+"""
+    record = hybrid.run(hybrid.parse_patch(text, str(PARTS.parent / "air.yaml"))).record
+    shown = {name: float(record[name][-1]) for name in record.data_vars}
+    attitude = Rotation.from_quat([0.1, -0.7, 0.5, 0.5])  # of length 1
+    rates = np.array([1e-3, -2e-3, 3e-3]) - attitude.inv().apply([0.0, 0.0, EARTH_RATE])
+    lengths, slopes = np.array([3.0, 0.5, 3.0]), np.array([-0.4, -8.0, -0.2])
+    moments = slopes * rates * lengths / (2 * 50.0) * (0.9 * 50.0**2 / 2 * 2.0 * lengths)
+    found = [shown[f"body.moment_{axis}"] for axis in "xyz"]
+    np.testing.assert_allclose(found, moments, rtol=1e-12)
+    velocity = np.array([100.0, -50.0, 20.0])
+    speed = np.linalg.norm(velocity)
+    drag = 1.225 * speed**2 / 2 * 2.0 * 0.3
+    found = [shown[f"ball.force_{axis}"] for axis in "xyz"]
+    # The table of the standard gives 1.2250 kg/m^3 and 340.294 m/s in so many digits.
+    np.testing.assert_allclose(found, -drag * velocity / speed, rtol=5e-5)
+    assert shown["ball.mach"] == pytest.approx(speed / 340.294, rel=2e-6)
