@@ -141,7 +141,10 @@ def test_a_parameter_must_not_hide_a_variable() -> None:
 # -- the command ------------------------------------------------------------------------------------
 
 RUN = {"run", "parameters_si", "serial", "seed", "readouts", "status", "note", "overloads"}
-BATCH = {"patch", "title", "machine", "parameters", "parameters_si", "status", "summary", "runs"}
+BATCH = {
+    *("patch", "title", "machine", "on", "parameters", "parameters_si"),
+    *("status", "summary", "runs"),
+}
 ABOUT = {"runs", "mean", "std", "minimum", "maximum", "units"}
 
 

@@ -307,5 +307,6 @@ def test_every_shipped_patch_runs_with_noise(name):
         hybrid.read_patch(hybrid.shipped_patches()[name]), machine="nominal", as_circuit=True
     )
     result = run(machine, seed=5)
-    assert (result.status, result.status_note) == ("complete", "")
+    assert result.status == "complete"
+    assert result.status_note == "" or result.outside  # one begins above the standard atmosphere
     assert np.all(np.isfinite(result.rows))

@@ -35,6 +35,8 @@ FEW_CONSTANTS = 20.0
 GAUSS_POINTS = 26
 PART_OF_ONE = 0.5
 POWERS = 15
+# How well windows resolve every signal, as a fraction of full scale.
+RESOLUTION = 1e-8
 
 
 class Nodes(NamedTuple):

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from hybrid.engine.compiling import compiled
 from hybrid.engine.kernel import Floats
-from hybrid.engine.nodes import Nodes
+from hybrid.engine.nodes import RESOLUTION, Nodes
 from hybrid.engine.sweep import (
     BEYOND_S,
     FIRST_S,
@@ -19,7 +19,7 @@ from hybrid.engine.sweep import (
 )
 
 # A lag that settles at full scale may stand above it by rounding.
-FULL_SCALE = 1.0 + 1e-12
+FULL_SCALE = 1.0 + 1e-12  # at the points; between them windows are resolved to RESOLUTION
 # A resolved signal that is nowhere beyond this at the points stays below full scale between them: for a
 # sine to rise by 3 % from a point to its peak, the window would be 2.5 rad long, of which 8 nodes leave
 # 3e-6 and more.
@@ -48,9 +48,11 @@ def _note(
     before_at, before, slope_before = 0.0, start, _slope(grid, start, nodes, 0)
     for k in range(q):
         end_at, end, slope_end = grid.points[k + 1], nodes[k], _slope(grid, start, nodes, k + 1)
+        turn_at, turn = before_at, 0.0
         if slope_before * slope_end < 0.0:
             turn_at = _where(grid, start, nodes, 1, 0.0, before_at, end_at)
             turn = _read(grid, start, nodes, 0, turn_at)
+        if abs(turn) > max(1.0 + RESOLUTION, abs(before), abs(end)):
             ways = ((before_at, before, turn_at, turn), (turn_at, turn, end_at, end))
         else:
             ways = ((before_at, before, end_at, end), (end_at, end, end_at, end))

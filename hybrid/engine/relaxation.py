@@ -75,6 +75,8 @@ LEAST_DECAY = 0.2
 # The next window aims at this share of what is allowed, and is at most so much longer or shorter.
 AIM = 0.1
 MOST_GROWTH = 2.0
+# From one jump to the next, a window of which nearly nothing is left may be so much longer.
+MOST_LEARNED = 8.0
 MOST_CUT = 0.1
 # How far from its bound a guard may be at an event, in machine units: below `corners.SLACK_AT_REST`.
 MOST_MISS = 1e-12
@@ -296,10 +298,10 @@ def _lasting(age_s: float, taus_s: Floats, length_s: float) -> float:
 
 
 @compiled
-def _change_of_length(share: float, q: int) -> float:
+def _change_of_length(share: float, q: int, most: float) -> float:
     """By how much a window may be longer whose last coefficient is this share of what is allowed."""
-    if not share * MOST_GROWTH ** (q + 1) > AIM:
-        return MOST_GROWTH
+    if not share * most ** (q + 1) > AIM:
+        return most
     return float(max((AIM / share) ** (1.0 / (q + 1)), MOST_CUT))
 
 
@@ -312,7 +314,7 @@ def _reject(state: State, taus_s: Floats, length_s: float, share: float, q: int)
     clock, counts = state.clock, state.counts
     counts[REJECTED] += 1
     agreed = share < math.inf
-    clock[NEXT] = length_s * (_change_of_length(share, q) if agreed else 0.5)
+    clock[NEXT] = length_s * (_change_of_length(share, q, 1.0) if agreed else 0.5)
     if _lasting(clock[AGE], taus_s, length_s) == 0.0:
         clock[CRUISE] = clock[NEXT]
         counts[WAIT] = 0 if agreed else PATIENCE
@@ -325,15 +327,17 @@ def _adapt(state: State, taus_s: Floats, length_s: float, share: float, q: int) 
     """Suggest the length of the next window; soon after a jump, what was learned after earlier ones."""
     clock, counts, rungs = state.clock, state.counts, state.rungs[state.counts[JUMPED]]
     cut_short = length_s < 0.8 * clock[NEXT]  # by an instant, not by what signals do
-    change = _change_of_length(share, q)
+    change = _change_of_length(share, q, MOST_GROWTH)
     tau = _lasting(clock[AGE], taus_s, length_s)
     learned = 0.0
     if not cut_short and counts[RUNG] < RUNGS:
-        rungs[counts[RUNG]] = length_s * max(change, 1.0)
+        rungs[counts[RUNG]] = length_s * max(_change_of_length(share, q, MOST_LEARNED), 1.0)
         counts[RUNG] += 1
         learned = rungs[counts[RUNG]] if counts[RUNG] < RUNGS else 0.0
     if tau > 0.0:
-        change = _change_of_length(share * max(math.exp(-length_s / tau), LEAST_DECAY), q)
+        change = _change_of_length(
+            share * max(math.exp(-length_s / tau), LEAST_DECAY), q, MOST_GROWTH
+        )
     suggested = max(length_s * change, min(length_s, clock[NEXT]))
     if learned > 0.0:
         suggested = learned

@@ -21,7 +21,7 @@ from hybrid.engine.compiling import allocating, compiled
 from hybrid.engine.corners import Log, new_log, settle
 from hybrid.engine.kernel import Coupling, Deck, Floats, Ints, Pens, Plant, Score, State
 from hybrid.engine.linear import Overload, Player
-from hybrid.engine.nodes import Nodes, Shelf, new_shelf, nodes
+from hybrid.engine.nodes import RESOLUTION, Nodes, Shelf, new_shelf, nodes
 from hybrid.engine.noise import Noise, jump, new_noise
 from hybrid.engine.relaxation import (
     CHATTER,
@@ -41,8 +41,6 @@ from hybrid.modes import MODE_ELEMENT, OP, STOP_RUN
 from hybrid.scale import to_seconds, to_ticks
 
 NODES = 8
-# How well every signal is resolved, as a fraction of full scale.
-RESOLUTION = 1e-8
 # Instants between two looks at Ctrl-C.
 CHUNK_ADVANCES = 2000
 # Windows after which no further instant is begun: some tenths of a second where something switches fast.
