@@ -363,7 +363,7 @@ def test_an_open_amplifier_saturates():
             "quarter_square is '0'; it must be a whole number",
         ),
         ("multiply: [one, one], quarter_square: 201", "from 1 to 200"),
-        ("divide: [one, one], circuit: feedbak", "circuit is 'feedbak'; did you mean 'feedback'"),
+        ("divide: [one, one], circuit: feedbak", "circuit is 'feedbak'; valid: ideal, feedback"),
         (
             "divide: [one, one], open_gain: 100",
             "has open_gain, which is of the amplifier; add circuit",
