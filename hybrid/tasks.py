@@ -139,7 +139,8 @@ def _refuse_piling_up(tasks: tuple[TaskTiming, ...]) -> None:
 
 def task_of_adc(adc: Adc, program: Program, tasks: tuple[TaskTiming, ...]) -> int:
     """The task whose clock samples an ADC: the one it names, else of those that read it the first by
-    rank, else (nobody reads it) the first of all."""
+    rank, else (nobody reads it) the first of all. Tasks that wait for a comparator come last: a loop
+    would stand still until then."""
     if adc.task is not None:
         return next(i for i, task in enumerate(tasks) if task.name == adc.task)
     readers = [
@@ -147,7 +148,9 @@ def task_of_adc(adc: Adc, program: Program, tasks: tuple[TaskTiming, ...]) -> in
         for i, single in enumerate(program.programs)
         if any(adc.name in names(expr) for entry in single.written for expr in entry.reads)
     ]
-    return min(readers or range(len(tasks)), key=lambda i: tasks[i].rank)
+    return min(
+        readers or range(len(tasks)), key=lambda i: (tasks[i].when is not None, tasks[i].rank)
+    )
 
 
 def task_of_dac(dac: Dac, program: Program) -> int:

@@ -11,6 +11,7 @@ from hypothesis import strategies as st
 from test_tasks import Slow, rewired
 
 import hybrid
+from hybrid.compiler import compile_patch
 from hybrid.engines import player_of
 from hybrid.errors import PatchError, RunError
 from hybrid.machine import TaskTiming
@@ -78,6 +79,14 @@ def test_a_task_begins_where_the_comparator_switches(engine, edge, expected):
     assert catch.utilisation == pytest.approx(len(expected) * 2e-3 / 5)
     # A call within 1 ms after a tick takes the processor away, one just before keeps it: 3 ms at most.
     assert clock.cycles == 500 and 1e-3 < clock.worst_response_s <= 3e-3
+
+
+def test_a_clock_samples_what_it_reads_rather_than_a_comparator():
+    """Else a loop that a task waiting for a comparator looks at, too, would stand still."""
+    text = CATCH.replace("{adc: wave, task: catch}", "{adc: wave}").replace("c: tick", "c: seen")
+    machine = compile_patch(parse_patch(text))
+    sampled_by = {s.name: machine.timing.tasks[s.task].name for s in machine.samplers}
+    assert sampled_by == {"at": "catch", "seen": "clock", "tick": "clock"}
 
 
 def test_a_machine_without_any_clock():

@@ -308,7 +308,7 @@ class TestDegenerateRecords:
         values[4] = 0.5
         figure = strip_chart(make_record(20, {"x": (values, "V", 1.0, "analog")}))
         assert trace(figure.axes[0], "x").get_marker() == "o"
-        assert "19 rows without" in texts(figure)
+        assert "19 rows have no value" in texts(figure)
 
     def test_no_signals(self):
         figure = strip_chart(make_record(signals={}))

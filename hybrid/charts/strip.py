@@ -388,7 +388,8 @@ def _extremes(values: Floats) -> list[str]:
         return ["no values"]
     told = [f"max {number(finite.max())}", f"min {number(finite.min())}"]
     missing = values.size - finite.size
-    return [*told, f"{missing:,} rows without"] if missing else told
+    rows = "1 row has" if missing == 1 else f"{missing:,} rows have"
+    return [*told, f"{rows} no value"] if missing else told
 
 
 def _draw_pen(axes: Axes, lane: Lane, time_s: Floats) -> None:
