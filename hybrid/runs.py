@@ -242,7 +242,8 @@ def _play(player: Player, progress: Progress | None) -> tuple[str, str]:
             if progress:
                 progress(done)
     except KeyboardInterrupt:
-        return "interrupted", f"interrupted at {player.done_s:.6g} s; the record ends there"
+        note = f"interrupted at {player.done_s:.6g} s; the record ends there"
+        return "interrupted", "; ".join((note, *player.remarks()))
     return ending(player)
 
 
@@ -292,12 +293,22 @@ def ending(player: Player) -> tuple[str, str]:
     notes = (
         _held_note(player),
         _short_note(machine),
+        _late_readouts(machine),
         _too_much(machine),
         _left_out(player),
         _outside_note(player),
         *player.remarks(),
     )
     return "complete", "; ".join(filter(None, notes))
+
+
+def _late_readouts(machine: Machine) -> str:
+    """Which readouts would look at more than the run has; ''."""
+    until_s = to_seconds(machine.timing.until)
+    ends = [(r.name, r.end.number(machine.parameters)) for r in machine.patch.readouts if r.end]
+    late = [f"{name} {end_s:.6g} s" for name, end_s in ends if end_s > until_s * (1 + 1e-12)]
+    told = ", ".join(late)
+    return f"readouts see the run's {until_s:.6g} s only, not all until {told}" if late else ""
 
 
 def _largest_text(machine: Machine, words: Sequence[str]) -> str:

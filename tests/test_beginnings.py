@@ -130,6 +130,18 @@ def test_a_program_that_runs_away_is_told():
     assert "the program runs away: v, x, y grew more than 1e+12 times" in wild.status_note
 
 
+def test_a_readout_that_looks_beyond_the_end_is_told():
+    text = """
+title: A decay of 1 s
+machine: ideal
+analog: {x: {integrate: {x: -1}, initial: 1, full_scale: 1}}
+run: {until: 1 s, every: 0.1 s}
+readouts: {late: {final: x, until: 2 s}, whole: {final: x, until: 1 s}}
+"""
+    note = hybrid.run(hybrid.parse_patch(text)).status_note
+    assert note == "readouts see the run's 1 s only, not all until late 2 s"
+
+
 def test_what_a_short_word_loses_is_told():
     text = SPRING.replace(
         "  period", "  words: {y: {fixed: 8, full_scale: 100}}\n  period"
