@@ -33,7 +33,9 @@ RACES = (
     Race("11", "parts/f16", 30.0, 100.0, beside_jsbsim=True),
     Race("3", "tumbling_brick", 30.0, 1000.0),
 )
+# The goals are those of a machine with all its lags; with noise on every component it is shown beside.
 MACHINES = ("lags", "nominal")
+JUDGED = "lags"
 REPEATS, QUICK_REPEATS = 5, 2
 
 
@@ -61,8 +63,9 @@ def row_of(race: Race, preset: str, quick: bool) -> dict[str, Any]:
         "until_s": race.until_s,
         "times_real_time": fastest,
         "jsbsim_times_real_time": peers,
-        "goal": race.goal,
-        "meets_goal": bool(fastest >= race.goal and (peers is None or fastest >= peers)),
+        "goal": race.goal if preset == JUDGED else None,
+        "meets_goal": bool(fastest >= race.goal) if preset == JUDGED else None,
+        "as_fast_as_jsbsim": bool(fastest >= peers) if peers else None,
     }
 
 
