@@ -14,8 +14,8 @@ import signal
 import sys
 import threading
 import warnings
-from collections.abc import Callable, Generator, Sequence
-from contextlib import closing
+from collections.abc import Callable, Generator, Iterator, Sequence
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from multiprocessing.connection import Connection, wait
 from multiprocessing.process import BaseProcess
@@ -122,9 +122,12 @@ def in_forks(
     at_once: int,
     done: list[Result],
 ) -> Generator[None, None, None]:
-    """The same in copies of this process, which get their handfuls one at a time.
+    """Play all orders in `jobs` copies of this process, `at_once` of them at a time in each.
 
-    Raises RunError where a copy has been ended by somebody else.
+    Results are appended to `done` a handful at a time, in the order in which they come; yields then.
+    Raises what a run raises, and RunError where a copy has been ended by somebody else. When it is
+    closed early the copies are ended, and with them the handfuls under way; when this process is killed
+    they end after theirs.
     """
     context = multiprocessing.get_context("fork")
     count = -(-len(orders) // at_once)
@@ -135,8 +138,9 @@ def in_forks(
             warnings.simplefilter("ignore", DeprecationWarning)
             for _ in range(min(jobs, count)):
                 here, there = context.Pipe()
+                copied = (*crew, here)
                 crew[here] = context.Process(
-                    target=_serve, args=(play, orders, count, there), daemon=True
+                    target=_serve, args=(play, orders, count, there, copied), daemon=True
                 )
                 crew[here].start()
                 there.close()
@@ -160,15 +164,29 @@ def in_forks(
             pipe.close()
 
 
-def _serve(play: Callable[[Any], Any], orders: Sequence[Any], count: int, pipe: Connection) -> None:
-    """Play the handfuls that are asked for, in a copy, until it is ended."""
+def _serve(
+    play: Callable[[Any], Any],
+    orders: Sequence[Any],
+    count: int,
+    pipe: Connection,
+    copied: Sequence[Connection],
+) -> None:
+    """Play the handfuls that are asked for, in a copy, until it is ended or nobody is left who asks.
+
+    `copied`: the ends of the lines, this one's and those of earlier copies, which must be open in the
+    main process alone, so that its end is heard here.
+    """
     signal.signal(signal.SIGTERM, signal.SIG_DFL)
-    while True:
-        which = pipe.recv()
-        try:
-            pipe.send([play(order) for order in orders[which::count]])
-        except BaseException as failure:  # raised again where the crew was asked for
-            pipe.send(failure)
+    for end in copied:
+        end.close()
+    with suppress(EOFError, OSError):  # the main process was killed
+        while True:
+            which = pipe.recv()
+            try:
+                answer: Any = [play(order) for order in orders[which::count]]
+            except BaseException as failure:  # raised again where the crew was asked for
+                answer = failure
+            pipe.send(answer)
 
 
 def _received(pipe: Connection) -> list[Any]:
@@ -195,9 +213,12 @@ def in_processes(
     at_once: int,
     done: list[Result],
 ) -> Generator[None, None, None]:
-    """The same by `play(shared, some orders)`, wherever joblib works, a Dask cluster too.
+    """Play all orders by `play(shared, some of them)`, wherever joblib works, a Dask cluster too.
 
-    Costly runs, which often stand side by side, are spread over the handfuls.
+    jobs: at a time, as many as joblib finds right if None. Costly runs, which often stand side by side,
+    are spread over the handfuls of `at_once`. Results are appended to `done` a handful at a time, in the
+    order in which they come; yields then. Raises what a run raises. When it is closed early the
+    handfuls under way are lost.
     """
     import joblib
 
@@ -206,10 +227,21 @@ def in_processes(
     parallel = joblib.Parallel(n_jobs=jobs or -1, return_as="generator_unordered", batch_size=1)
     with deaf_children():
         handfuls = parallel(joblib.delayed(play)(shared, orders[i::count]) for i in range(count))
-    with closing(handfuls):
+    with _closed_in_peace(handfuls):
         for found in handfuls:
             done.extend(found)
             yield
+
+
+@contextmanager
+def _closed_in_peace(handfuls: Generator[Any, None, None]) -> Iterator[None]:
+    """Close joblib's generator without its warning that handfuls are lost, as they are meant to be."""
+    try:
+        yield
+    finally:
+        with warnings.catch_warnings():
+            warnings.filterwarnings("ignore", category=UserWarning, module=r"joblib\.parallel")
+            handfuls.close()
 
 
 def has_cluster() -> bool:

@@ -4,10 +4,13 @@ from __future__ import annotations
 
 import os
 import signal
+import subprocess
 import sys
 import threading
 import time
-from collections.abc import Callable
+import warnings
+from collections.abc import Callable, Sequence
+from contextlib import suppress
 
 import pytest
 from joblib.externals.loky import get_reusable_executor
@@ -24,6 +27,7 @@ from hybrid.crew import (
     Pace,
     can_fork,
     in_forks,
+    in_processes,
     in_threads,
 )
 from hybrid.errors import RunError
@@ -155,6 +159,51 @@ def test_a_copy_that_is_ended_from_outside_is_told() -> None:
 
     with pytest.raises(RunError, match="ended by the system"):
         list(in_forks(play, range(100), 2, 3, []))
+
+
+LONG_CREW = """
+import sys, time
+from hybrid.crew import in_forks
+
+def play(order):
+    time.sleep(0.05)
+    return order
+
+done = []
+for _ in in_forks(play, range(10**6), 2, 1, done):
+    if len(done) > 3:
+        print("begun", flush=True)
+"""
+
+
+@pytest.mark.skipif(not sys.platform.startswith("linux"), reason="only Linux copies soundly")
+@pytest.mark.parametrize("end", [signal.SIGKILL, signal.SIGTERM])
+def test_copies_do_not_outlive_the_process_that_was_killed(end: signal.Signals) -> None:
+    """The copies share its standard output, which is at its end when the last of them is gone."""
+    command = [sys.executable, "-c", LONG_CREW]
+    with subprocess.Popen(command, stdout=subprocess.PIPE, start_new_session=True) as parent:
+        assert parent.stdout is not None and parent.stdout.readline() == b"begun\n"
+        parent.send_signal(end)
+        try:
+            parent.communicate(timeout=10.0)  # a handful takes 0.05 s
+        finally:
+            with suppress(ProcessLookupError):
+                os.killpg(parent.pid, signal.SIGKILL)
+    assert parent.returncode == -end
+
+
+def test_an_interrupt_of_processes_does_not_warn() -> None:
+    """joblib would, that handfuls are lost."""
+    with warnings.catch_warnings():
+        warnings.simplefilter("error", UserWarning)
+        playing = in_processes(_slowly, b"", range(200), 2, 1, [])
+        next(playing)
+        playing.close()
+
+
+def _slowly(shared: bytes, orders: Sequence[int]) -> list[int]:
+    time.sleep(0.02)
+    return list(orders)
 
 
 def test_copies_play_every_order_once() -> None:
