@@ -17,6 +17,11 @@ from hybrid.shipped import shipped_folder
 from hybrid.units import parse_quantity
 
 Given = dict[str, float | str]
+TRIM_START = (
+    0.0,
+    0.0,
+    5.0,
+)  # pitch, elevator (deg) and power (percent) that the search begins with
 
 
 def factor(unit: str) -> float:
@@ -60,7 +65,6 @@ def turning_start(published: Published) -> Given:
 def trim(name: str, given: Mapping[str, float | str]) -> Given:
     """Pitch, elevator and power at which the first cycle changes neither speed, nor climb, nor pitch rate."""
     patch = until(shipped(name), 0.02)
-    usual = patch.bind()
     units = {key: factor(unit) for key, (unit, _) in TRIM.items()}
 
     def rates(unknown: np.ndarray) -> list[float]:
@@ -72,8 +76,9 @@ def trim(name: str, given: Mapping[str, float | str]) -> Given:
             for signal in ("flight.speed", "flight.down", "body.q")
         ]
 
-    start = [usual[key] / unit for key, unit in units.items()]
-    found = fsolve(rates, start, xtol=1e-12)
+    # From afar: the patch's own parameters are the trim that is judged.
+    found, _, reached, why = fsolve(rates, TRIM_START, xtol=1e-12, full_output=True)
+    assert reached == 1, why
     return {key: value * units[key] for key, value in zip(TRIM, found.tolist(), strict=True)}
 
 
