@@ -8,6 +8,7 @@ import subprocess
 import sys
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 from hybrid import theory
@@ -126,6 +127,19 @@ def test_the_order_of_the_lead_is_told_from_the_papers(coupling_bench, lead_rows
     damping, growth = coupling_bench.damping_orders(paper)
     assert damping["measured"] == pytest.approx(4, abs=1e-9)
     assert not damping["passed"] and not growth["passed"]
+
+
+def test_attitudes_are_compared_in_every_row(monkeypatch):
+    """Turned by 2 deg about x in the middle row alone; the quaternions may have any length and sign."""
+    monkeypatch.syspath_prepend(str(BENCHES))
+    figures = importlib.import_module("flights.figures")
+    half = math.radians(1.0)
+    still = {"s": [1.0, 1.0, 1.0], "x": [0.0] * 3, "y": [0.0] * 3, "z": [0.0] * 3}
+    turned = {**still, "s": [2.0, -math.cos(half), 1.0], "x": [0.0, -math.sin(half), 0.0]}
+    one, other = (
+        lambda name, of=of: np.array(of[name.removeprefix("attitude.")]) for of in (still, turned)
+    )
+    assert figures.apart(one, other, "attitude_deg") == pytest.approx(2.0, rel=1e-12)
 
 
 @pytest.mark.parametrize(("passed", "code", "word"), [(True, 0, "PASS"), (False, 1, "FAIL")])

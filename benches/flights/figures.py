@@ -71,7 +71,10 @@ def apart(one: Shown, other: Shown, figure: str) -> float:
         ends = [one(name)[-1] - other(name)[-1] for name in VECTORS[figure]]
         return float(np.linalg.norm(ends))
     assert figure == "attitude_deg", figure
-    return _turned(*([shown(f"attitude.{name}")[-1] for name in "sxyz"] for shown in (one, other)))
+    turned = _turned(
+        *(np.stack([of(f"attitude.{s}") for s in "sxyz"], axis=-1) for of in (one, other))
+    )
+    return float(turned.max())
 
 
 def _largest(one: np.ndarray, other: np.ndarray, is_angle: bool) -> float:
@@ -82,8 +85,9 @@ def _largest(one: np.ndarray, other: np.ndarray, is_angle: bool) -> float:
     return float(np.abs(difference).max())
 
 
-def _turned(one: list[float], other: list[float]) -> float:
-    """Angle (deg) between the attitudes of two quaternions of any length."""
-    first, second = (np.array(q) / np.linalg.norm(q) for q in (one, other))
-    between = min(np.linalg.norm(first - second), np.linalg.norm(first + second))
-    return float(np.degrees(4 * np.arcsin(between / 2)))
+def _turned(one: np.ndarray, other: np.ndarray) -> np.ndarray:
+    """Angles (deg) between the attitudes of two rows of quaternions of any length, shape (rows, 4)."""
+    first, second = (q / np.linalg.norm(q, axis=-1, keepdims=True) for q in (one, other))
+    apart_by = [np.linalg.norm(first - side * second, axis=-1) for side in (1.0, -1.0)]
+    angles: np.ndarray = np.degrees(4 * np.arcsin(np.minimum(*apart_by) / 2))
+    return angles
