@@ -212,6 +212,16 @@ def test_delay_in_the_closed_form_is_that_of_the_phase_plane(bench) -> None:
             assert period == pytest.approx(2 * ((stop + at_line - delay * -rate) / rate + on))
 
 
+def test_the_bench_refuses_what_delays_cannot_make(bench) -> None:
+    """Half a cycle late or 2.4 in place of 1.5, and pulses of one length."""
+    for cycle in (0.02, 0.1, 0.2):
+        least, most = bench.bounds(cycle, 2 * cycle)
+        assert least < bench.closed_form(1.5 * cycle) < most
+        assert not least <= bench.closed_form(0.5 * cycle) <= most
+        assert not least <= bench.closed_form(2.4 * cycle) <= most
+    assert bench.row(0.01, "sampled", bench.one_axis(0.01, bench.UNTIL_S))["agrees"] is False
+
+
 def test_small_angles_are_right_to_the_second_order() -> None:
     record = hybrid.run(PARTS / "small_angles.yaml", machine="ideal").record
     p, q, r = np.radians([0.6, 0.5, 0.6])
