@@ -7,14 +7,15 @@ angle, in parts of its first amplitude, and that of the height at the end; the l
 within what is asked for; and the cost: parts of the analog machine, converters, operations of the digital one, and
 how many times faster than real time processors of the time would be, if they did nothing else.
 
-Theory beside the runs:
+Theory and the paper's equations beside the runs. A damping zeta of an oscillation of omega lets its amplitude grow
+by exp(-integral(zeta omega dt)):
 
   formula   all-digital errors fall as T^n, n the formula's order
-  Eq. 2.1   moments on the digital machine: zeta = -3/4 omega T, so the oscillation grows by
-            exp(3/4 T integral(omega^2 dt)) more than it should; in theory with the lags of the four
-            elements that are left in the loop, for all delays add: exp(1/2 (3/2 T + sum(tau)) ...)
-  Eq. 2.3   all analog, with `speed` times real time: exp(1/2 speed sum(tau) integral(omega^2 dt)), four
-            elements in the pitch loop: two integrators, a summer, a multiplier
+  theory    all delays d of a loop add: zeta = -1/2 omega d. Moments on the digital machine: d = 3/2 T and the lags of
+            the four elements that are left in the loop; all analog: the lags of four elements, two integrators, a
+            summer and a multiplier, times `speed`
+  paper     Eq. 2.1, moments on the digital machine: zeta = -3/4 omega T, the lags left out; Eq. 2.3, all analog:
+            zeta = 1/2 omega sum(tau), which is meant with the other sign (README, Source) and shown with it
 """
 
 from __future__ import annotations
@@ -32,6 +33,7 @@ from bench import Options, Table, finish, parse_options
 from scipy.integrate import cumulative_simpson, solve_ivp
 
 import hybrid
+from hybrid import theory
 from hybrid.processors import PROCESSORS
 from hybrid.shipped import shipped_patches
 
@@ -116,9 +118,9 @@ def last_swings() -> tuple[np.ndarray, np.ndarray, np.ndarray]:
 def patch_of(machine: Machine) -> hybrid.Patch:
     """The one description, with a formula and put on its machine."""
     file = shipped_patches()["entry_probe"]
-    text = file.read_text(encoding="utf-8").replace(
-        "integration: ab2", f"integration: {machine.formula}"
-    )
+    text, shipped = file.read_text(encoding="utf-8"), "integration: ab2"
+    assert text.count(shipped) == 1, f"{file} has another formula than {shipped!r}"
+    text = text.replace(shipped, f"integration: {machine.formula}")
     return hybrid.parse_patch(text, str(file), machine.on)
 
 
@@ -246,15 +248,27 @@ def beside_theory(flights: Sequence[Mapping[str, Any]]) -> list[dict[str, Any]]:
         ratio = math.log(own[1]["pitch"] / own[0]["pitch"])
         found = ratio / math.log(own[1]["cycle_s"] / own[0]["cycle_s"])
         rows.append(
-            {"what": f"order of {formula}", "theory": float(order), "run": found, "paper": None}
+            {
+                "what": f"order of {formula}",
+                "theory": float(order),
+                "run": found,
+                "paper": None,
+                "equation": None,
+            }
         )
-    for name, law, of_paper in (
+    for name, delay_s, of_paper, equation in (
         (
             "hybrid, moments digital",
-            lambda row: 0.5 * (1.5 * row["cycle_s"] + LOOP * LAG_S),
-            lambda row: 0.75 * row["cycle_s"],
+            lambda row: 1.5 * row["cycle_s"] + LOOP * LAG_S,
+            lambda row: theory.uncompensated(1.0, row["cycle_s"]),
+            "2.1: zeta = -3/4 omega T",
         ),
-        ("all analog", *[lambda row: 0.5 * LOOP * LAG_S * row["speed"]] * 2),
+        (
+            "all analog",
+            lambda row: row["speed"] * LOOP * LAG_S,
+            lambda row: theory.all_analog(1.0, [row["speed"] * LAG_S] * LOOP),
+            "2.3: zeta = -1/2 omega sum(tau)",
+        ),
     ):
         row = [row for row in flights if row["machine"] == name][1]
         at = (
@@ -263,7 +277,12 @@ def beside_theory(flights: Sequence[Mapping[str, Any]]) -> list[dict[str, Any]]:
             else f"{row['speed']:g} x real time"
         )
         what = f"growth of the oscillation, {name}, {at}"
-        told = {"theory": grown(law(row)), "run": row["growth"], "paper": grown(of_paper(row))}
+        told = {
+            "theory": grown(0.5 * delay_s(row)),
+            "run": row["growth"],
+            "paper": grown(-of_paper(row).zeta),  # of 1 rad/s: both are in proportion to omega
+            "equation": equation,
+        }
         rows.append({"what": what, **told})
     # The next terms: of the formulas some (omega T)^2, at most 0.003, and more steps make them no better;
     # of the equations omega T and speed omega tau, 0.003 too.
@@ -299,7 +318,7 @@ def draw(flights: Sequence[Mapping[str, Any]], file: str) -> None:
 def main() -> int:
     options = parse_options(__doc__ or "", draws=True)
     flights, summary = study(options)
-    theory = beside_theory(flights)
+    judged_rows = beside_theory(flights)
     if options.out:
         draw(flights, options.out)
     flat = [{**row, **row["times_real_time"]} for row in summary]
@@ -326,6 +345,7 @@ def main() -> int:
         "": ("what", ""),
         "theory": ("theory", ".4g"),
         "paper": ("paper", ".4g"),
+        "by its Eq.": ("equation", ""),
         "run": ("run", ".4g"),
         " ": ("passed", ""),
     }
@@ -333,9 +353,9 @@ def main() -> int:
     tables = (
         Table("flights", "Entry probe, 1 us lags", per_flight, flights),
         Table("machines", asked + "; x: times real time", columns, flat),
-        Table("theory", "Theory, paper and run", judged, theory),
+        Table("theory", "Theory, paper and run", judged, judged_rows),
     )
-    passed = all(row["passed"] for row in theory)
+    passed = all(row["passed"] for row in judged_rows)
     needs = ", ".join(
         f"{row['machine']} {row['cycle_s'] * 1e3:.2g} ms" for row in summary if row["cycle_s"]
     )
