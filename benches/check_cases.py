@@ -6,7 +6,7 @@ the digital runs say that the equations and the formula are right (double precis
 precision); those of the hybrid ones what a machine of 0.01 % may do, less than NASA's tools differ among
 themselves. Below, what the errors come of: each cause is switched off by itself, and the row says how much
 of the flight that changes. Last, how many times real time the flights run, beside JSBSim where it is
-installed (`pip install jsbsim`).
+installed (extra `peers`).
 
 --quick leaves the causes out and measures the speed less often; its speed is not judged.
 
@@ -186,7 +186,7 @@ def tables_of(rows: Sequence[Row], causes: Sequence[Row], races: Sequence[Row]) 
         "goal": ("goal", ".0f"),
         "reached": ("reached", ""),
     }
-    notes = "" if by_jsbsim.installed() else "JSBSim is not installed (pip install jsbsim)."
+    notes = "" if by_jsbsim.installed() else "JSBSim is not installed (extra peers)."
     races = [{**row, "reached": YES[row["meets_goal"]]} for row in races]
     found.append(Table("speeds", "Speed, on one core", shape, races, notes))
     return found

@@ -4,7 +4,7 @@
                 of 1 us in each component, each second of machine time, at equal accuracy: the
                 loosest tolerance at which Radau errs less than Hybrid, or the tightest tried
   heyoka_ratio  Hybrid over heyoka, a Taylor integrator, on Van der Pol without lags, likewise; null
-                where heyoka is not installed (pip install heyoka)
+                where heyoka is not installed (extra `peers`)
   machine_s_per_wall_s_60, ..._60_dac
                 a patch of 60 lagged components that oscillates at 1 kHz, without and with a DAC step
                 every ms: smooth (mu = 0.2), of which the figure is; beside it mild (corners of two
@@ -32,7 +32,7 @@ from peers.by_scipy import RATE, plain_radau, radau
 
 import hybrid
 
-MOST_ERROR = 1e-7  # of full scale: the bound
+MOST_ERROR = 1e-7  # of full scale: a thousandth of what a component of 0.01 % errs by
 SCALES = np.array([2.5, 3.0])  # of x and y
 TOLERANCES = (1e-7, 1e-8, 1e-9, 1e-10)
 
