@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import cmath
 import json
+from decimal import Decimal
 from pathlib import Path
 
 import numpy as np
@@ -13,6 +14,7 @@ from scipy.integrate import solve_ivp
 import hybrid
 from hybrid.cli import main
 from hybrid.errors import PatchError
+from hybrid.formulas import FORMULAS
 from hybrid.patchfile import parse_patch, read_patch
 
 # Every kind of component that the digital machine has a meaning for.
@@ -82,6 +84,42 @@ def test_a_translated_integrator_has_the_order_of_its_formula() -> None:
             errors.append(np.abs(found - exact).max())
         # Terms of the next order are a few times the step.
         assert np.log2(errors[0] / errors[1]) == pytest.approx(order, abs=0.15), formula
+
+
+# Cycles in which something begins, and a pulse between the 57th and the 7057th.
+EDGES = (0, 1, 3, 6, 8, 29, 57, 900, 9999)
+SOURCES = """\
+title: Edges
+machine: ideal
+parameters: {{cycle: {period} s}}
+analog:
+{steps}
+  pulsed: {{pulse: 1, at: 57*cycle, width: 7000*cycle, full_scale: 1}}
+  between: {{step: 1, at: 3.5*cycle, full_scale: 1}}
+digital: {{period: cycle, compute_time: 0, integration: {formula}, word: {word}}}
+run: {{until: 10000*cycle, max_rows: 20000}}
+"""
+
+
+@pytest.mark.parametrize(
+    "word", ["float64", "float32", "{mantissa: 12}", "{fixed: 12, full_scale: 4}"]
+)
+@pytest.mark.parametrize("period", ["0.1", "0.01", "0.007", "0.29"])
+def test_an_edge_at_a_cycle_is_in_that_cycle(period: str, word: str) -> None:
+    """Times as people write them, such as 0.8 s of cycles of 0.1 s, under every formula."""
+    steps = "\n".join(
+        f"  z{k}: {{step: 1, at: {k * Decimal(period)} s, before: -1, full_scale: 1}}"
+        for k in EDGES
+    )
+    cycles = np.arange(10001)
+    for formula in FORMULAS:
+        text = SOURCES.format(period=period, steps=steps, formula=formula, word=word)
+        record = hybrid.run(parse_patch(text, on="digital")).record
+        np.testing.assert_array_equal(record["seconds"], cycles * float(period))
+        for k in EDGES:
+            np.testing.assert_array_equal(record[f"z{k}"], np.where(cycles >= k, 1.0, -1.0))
+        np.testing.assert_array_equal(record["pulsed"], (cycles >= 57) & (cycles < 7057))
+        np.testing.assert_array_equal(record["between"], cycles >= 4)
 
 
 # The same the other way: words that are one component each.

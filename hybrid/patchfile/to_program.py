@@ -15,12 +15,15 @@ import numpy as np
 
 from hybrid.errors import PatchError
 from hybrid.expressions import Binary, Call, LookUp, Name, Node, Number, Unary, is_constant
-from hybrid.patch import Assignment, Component, State, Value
+from hybrid.patch import Assignment, Component, State, Value, literal
 from hybrid.tables import CONTINUES, Axis, Table
-from hybrid.units import PURE, Dimension
+from hybrid.units import PURE, TIME, Dimension
 
 # A state that counts the seconds, for sources that change with time.
 CLOCK = "seconds"
+# What a cycle may begin before an edge and still be at it: k T and the time that is written for the edge
+# are two roundings of one number.
+AT_ONCE = 1e-6  # of the period
 
 
 @dataclass(frozen=True, slots=True)
@@ -31,6 +34,50 @@ class Surroundings:
     full_scales: Mapping[str, Value]  # of analog signals, for what they switch
     dimensions: Mapping[str, Dimension]
     clock: str  # the name of the state that counts the seconds
+    period: Node  # of the program, in seconds
+
+
+def clock_of(around: Surroundings) -> State:
+    """The state that counts the seconds: k T in cycle k, however many there were before.
+
+    A formula adds T to T and its roundings add up, so its result only serves the stages of a cycle.
+    """
+    cycles = Binary("/", Name(around.clock), around.period)
+    next_cycle = Call("round", (Binary("+", cycles, Number(1.0)),))
+    return State(
+        around.clock,
+        Number(1.0),
+        literal(0.0),
+        around.formula,
+        dimension=TIME,
+        reset_when=Number(1.0),
+        reset_to=Binary("*", next_cycle, around.period),
+    )
+
+
+def edges_of(component: Component, around: Surroundings) -> tuple[Assignment, ...]:
+    """The unseen word that is true while a source is on; none for what has no edges.
+
+    It is compared by itself, so that it is right whatever the word length of the source is.
+    """
+    c = component
+    if c.kind not in ("step", "pulse"):
+        return ()
+    begins = _value(c, "at", 0.0)
+    on: Node = Binary(">=", Name(around.clock), _just_before(begins, around))
+    if c.kind == "pulse":
+        ends = _just_before(Binary("+", begins, _value(c, "width", 0.0)), around)
+        on = Binary("and", on, Binary("<", Name(around.clock), ends))
+    return (Assignment(_on(c), on, c.place, PURE, hidden=True),)
+
+
+def _just_before(time: Node, around: Surroundings) -> Node:
+    return Binary("-", time, Binary("*", Number(AT_ONCE), around.period))
+
+
+def _on(component: Component) -> str:
+    """A name that no patch can have."""
+    return f"{component.name} on"
 
 
 def words_of(component: Component, around: Surroundings) -> Assignment | State:
@@ -151,13 +198,8 @@ def _switch(c: Component, around: Surroundings) -> Node:
     return Call("select", (chosen, Name(c.signals[0]), Name(c.signals[1])))
 
 
-def _since(c: Component, around: Surroundings, key: str) -> Node:
-    return Binary(">=", Name(around.clock), _value(c, key, 0.0))
-
-
-def _step(c: Component, around: Surroundings) -> Node:
-    values = _value(c, "step", 0.0), _value(c, "before", 0.0)
-    return Call("select", (_since(c, around, "at"), *values))
+def _step(c: Component, _: Surroundings) -> Node:
+    return Call("select", (Name(_on(c)), _value(c, "step", 0.0), _value(c, "before", 0.0)))
 
 
 def _ramp(c: Component, around: Surroundings) -> Node:
@@ -169,12 +211,10 @@ def _ramp(c: Component, around: Surroundings) -> Node:
     return Binary("+", _value(c, "before", 0.0), risen)
 
 
-def _pulse(c: Component, around: Surroundings) -> Node:
+def _pulse(c: Component, _: Surroundings) -> Node:
     if "period" in c.values:
         raise _refused(c, "it comes again and again; keep it on the analog machine")
-    ends = Binary("+", _value(c, "at", 0.0), _value(c, "width", 0.0))
-    during = Binary("and", _since(c, around, "at"), Binary("<", Name(around.clock), ends))
-    return Call("select", (during, _value(c, "pulse", 0.0), _value(c, "before", 0.0)))
+    return Call("select", (Name(_on(c)), _value(c, "pulse", 0.0), _value(c, "before", 0.0)))
 
 
 def _sine(c: Component, around: Surroundings) -> Node:

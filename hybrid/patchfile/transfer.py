@@ -13,7 +13,6 @@ from hybrid.components import CATALOG
 from hybrid.errors import PatchError, Place, quoted
 from hybrid.expressions import (
     Node,
-    Number,
     names,
     next_names,
     previous_names,
@@ -29,14 +28,15 @@ from hybrid.patch import (
     Program,
     State,
     Value,
+    WordSettings,
     literal,
 )
 from hybrid.patchfile.crossings import ANALOG, DIGITAL, Crossings
 from hybrid.patchfile.placing import Told, placed
 from hybrid.patchfile.program import computing_order
 from hybrid.patchfile.to_components import component_of, joined
-from hybrid.patchfile.to_program import CLOCK, Surroundings, words_of
-from hybrid.units import PURE, TIME
+from hybrid.patchfile.to_program import CLOCK, Surroundings, clock_of, edges_of, words_of
+from hybrid.units import PURE
 
 _SWITCHES = frozenset({"compare", "step", "pulse", "square"})
 
@@ -77,7 +77,15 @@ class _Transfer:
         self.components, self.words = self.crossings.components, self.crossings.words
         self.found, self.scale = self.crossings.found, self.crossings.scale
         self.reference = self.crossings.free("reference")
-        self.clock = self.crossings.free(CLOCK)
+        assert self.program.period is not None  # only tasks may have none
+        scales = self.crossings.full_scales
+        self.around = Surroundings(
+            orders.formula,
+            {name: scale.value for name, scale in scales.items()},
+            {name: scale.dimension for name, scale in scales.items()},
+            self.crossings.free(CLOCK),
+            self.program.period.expr,
+        )
 
     def patch_after(self) -> Patch:
         """Everything translated and connected."""
@@ -86,7 +94,8 @@ class _Transfer:
         written = [self._entry(name) for name in self._on(DIGITAL)]
         modes = self._modes()
         components += self._reference(components)
-        program = self._program_of([*written, *self._clock(written)])
+        timing = self._timing(written)
+        program = self._program_of([*written, *timing], [entry.word for entry in timing])
         adcs, dacs = crossings.converters() if program else ([], [])
         shown = {name: crossings.root(name) for name in patch.signals}
         return replace(
@@ -150,12 +159,9 @@ class _Transfer:
         """What is in the program: as it was, or a component translated; it reads words."""
         entry = self.words.get(name)
         if entry is None:
-            scales = {n: s.value for n, s in self.crossings.full_scales.items()}
-            dimensions = {n: s.dimension for n, s in self.crossings.full_scales.items()}
-            around = Surroundings(self.orders.formula, scales, dimensions, self.clock)
             if self.patch.leaves_op:
                 self._refuse_modes(name)
-            entry = words_of(self.components[name], around)
+            entry = words_of(self.components[name], self.around)
         for expr in entry.reads:
             for other in sorted(previous_names(expr) | next_names(expr)):
                 if self.where.get(other) == ANALOG:
@@ -196,11 +202,14 @@ class _Transfer:
             hold_when=self._control(modes.hold_when),
         )
 
-    def _clock(self, written: Sequence[Assignment | State]) -> list[State]:
-        """The state that counts the seconds, where something reads it."""
-        if not any(self.clock in names(expr) for entry in written for expr in entry.reads):
+    def _timing(self, written: Sequence[Assignment | State]) -> list[Assignment | State]:
+        """When sources are on, and the state that counts the seconds where something reads it."""
+        moved = [self.components[name] for name in self._on(DIGITAL) if name in self.components]
+        edges = [edge for component in moved for edge in edges_of(component, self.around)]
+        read = (expr for entry in (*written, *edges) for expr in entry.reads)
+        if not any(self.around.clock in names(expr) for expr in read):
             return []
-        return [State(self.clock, Number(1.0), literal(0.0), self.orders.formula, dimension=TIME)]
+        return [*edges, clock_of(self.around)]
 
     def _reference(self, components: Sequence[Component]) -> list[Component]:
         """The constant 1, where something reads it."""
@@ -211,19 +220,23 @@ class _Transfer:
             Component(self.reference, "constant", (), {"constant": one}, room, "", 1.0, PURE, {})
         ]
 
-    def _program_of(self, written: Sequence[Assignment | State]) -> Program | None:
+    def _program_of(
+        self, written: Sequence[Assignment | State], exact: Sequence[str]
+    ) -> Program | None:
+        """The program; exact: words in double precision whatever the word length of all others is."""
         if not written:
             return None
         states = {e.word: e for e in written if isinstance(e, State)}
         assignments = {e.word: e for e in written if isinstance(e, Assignment)}
         own = self.program
         words = {*states, *assignments}
+        lengths = {word: length for word, length in own.lengths.items() if word in words}
         return replace(
             own,
             assignments=tuple(assignments[word] for word in computing_order(assignments, states)),
             states=tuple(states[word] for word in sorted(states)),
             remember={word: value for word, value in own.remember.items() if word in words},
-            lengths={word: length for word, length in own.lengths.items() if word in words},
+            lengths=lengths | dict.fromkeys(exact, WordSettings()),
         )
 
 
