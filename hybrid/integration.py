@@ -27,6 +27,9 @@ from hybrid.patch import Program, State, Value
 # Counts the cycles down in which formulas start; it is no word, and is never rounded.
 TO_START = "cycles to start"
 TO_START_NEXT = f"{TO_START} next"
+# 1 in the first cycle of a program and 0 later, for what reads it.
+FIRST = "first cycle"
+FIRST_NEXT = f"{FIRST} next"
 
 
 @dataclass(frozen=True, slots=True)
@@ -88,6 +91,13 @@ def written_out(program: Program, step_s: float) -> Iterator[Statement | Branch]
         yield from _step(program, step_s)
     for word in sorted(waiting):
         yield from _resets(word, waiting)
+    if reads_first(program):
+        yield Statement(FIRST_NEXT, Number(0.0), program.words[0])
+
+
+def reads_first(program: Program) -> bool:
+    """Whether something depends on whether the cycle is the first."""
+    return any(FIRST in names(expr) for entry in program.written for expr in entry.reads)
 
 
 def kept(program: Program, first_of: Callable[[str, Value], float]) -> tuple[Kept, ...]:
@@ -107,6 +117,8 @@ def kept(program: Program, first_of: Callable[[str, Value], float]) -> tuple[Kep
     if longest:
         word = program.states[0].word
         found.append(Kept(TO_START, TO_START_NEXT, float(longest), word))
+    if reads_first(program):
+        found.append(Kept(FIRST, FIRST_NEXT, 1.0, program.words[0]))
     return tuple(found)
 
 

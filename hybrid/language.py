@@ -155,8 +155,8 @@ DAC_KEYS = (
     Key(
         "lead",
         Holds.QUANTITY,
-        "shows the word as it will be so much later, along its last change; before the first cycle the "
-        "word is taken to have been `initial`",
+        "shows the word as it will be so much later, along its last change; the word itself in the "
+        "first cycle",
         Unit.TIME,
         Bound.NOT_NEGATIVE,
         default="0 s",

@@ -97,7 +97,7 @@ def linear_program(tape: Tape, adcs: int) -> LinearProgram:
     firsts = adcs + np.cumsum(lengths + 1) - (lengths + 1)
     forms[tape.memory[:, Memory.KEEPS]] = unit[firsts]
     forms[tape.shared[:, 0]] = unit[adcs + remembered : -1]
-    forms[list(tape.starting)] = 0.0  # the formulas have started
+    forms[list(tape.starting)] = 0.0  # after the first cycles
     _play(tape, forms)
     word_of = {register: i for i, register in enumerate(tape.word_registers.tolist())}
     keep = np.eye(remembered, width, k=adcs + 1)  # each takes over the next one of its delay

@@ -33,6 +33,8 @@ from hybrid.expressions import (
 )
 from hybrid.helpers import Helper
 from hybrid.integration import (
+    FIRST,
+    FIRST_NEXT,
     TO_START,
     TO_START_NEXT,
     Branch,
@@ -183,7 +185,7 @@ class Tape:
     memory: npt.NDArray[np.int32]  # (remembered, 4), see Memory; in the order in which they change
     places: tuple[Place, ...]  # of the words in the patch file
     states: npt.NDArray[np.int32]  # (states, 2): register of the state, of its rate
-    starting: tuple[int, ...]  # registers that count the cycles down in which formulas start
+    starting: tuple[int, ...]  # registers that are not 0 in the first cycles only
     shared: npt.NDArray[np.int32]  # (words read of other programs, 2): register, word
     # (programs + 1, 4): first row of code, words, memory and shared of each program, and of the next
     starts: npt.NDArray[np.int64]
@@ -399,7 +401,9 @@ class _Builder:
     def assign(self, part: Statement) -> None:
         """Compute a statement; into its register where it has one for good."""
         before, self.word = len(self.code), part.word
-        self.rounding = FLOAT64 if part.name == TO_START_NEXT else self.length[part.word]
+        self.rounding = (
+            FLOAT64 if part.name in (TO_START_NEXT, FIRST_NEXT) else self.length[part.word]
+        )
         result = self.compute(part.expr)
         if part.name in self.fixed:
             self.append(Op.COPY, self.place[part.name], result)
@@ -447,7 +451,7 @@ def build_tape(
         shared += [(build.place[name], build.words.index(name)) for name in foreign]
         build.play(written_out(single, step_s), written)
         states += [(build.place[s.word], build.place[rate_of(s.word)]) for s in single.states]
-        starting += [build.place[TO_START]] if TO_START in build.place else []
+        starting += [build.place[name] for name in (TO_START, FIRST) if name in build.place]
         known = starts[-1][1] + len(single.words)
         starts.append((len(build.code), known, len(build.memory), len(shared)))
     return Tape(

@@ -316,6 +316,28 @@ record: [x, shown]
     assert moved.program.remember and not moved.adcs
 
 
+def test_a_lead_shows_the_word_itself_in_the_first_cycle() -> None:
+    """A steady 5 is 5 ahead too, though the DAC shows 0 before it; a program and tasks, in any word."""
+    text = """\
+title: Steady
+machine: ideal
+parameters: {cycle: 10 ms}
+analog: {x: {integrate: {shown: 1 1/s}, initial: 0, full_scale: 10}}
+interface: {shown: {dac: word, full_scale: 20, initial: 0, lead: 1.5*cycle}}
+digital: DIGITAL
+run: {until: 50 ms, every: 5 ms}
+"""
+    one = "{period: cycle, compute_time: 0, integration: ab3, word: WORD, program: {word: 2 + 3}}"
+    tasks = "{word: WORD, tasks: {a: {period: cycle, compute_time: 0, program: {word: 2 + 3}}}}"
+    for digital in (one, tasks):
+        for word in ("float64", "float32", "{fixed: 16, full_scale: 8}"):
+            changed = text.replace("DIGITAL", digital).replace("WORD", word)
+            record = hybrid.run(parse_patch(changed)).record
+            np.testing.assert_array_equal(record["shown"][1:], 5.0)
+            modes = hybrid.predict(parse_patch(changed)).modes  # linear as before
+            assert all(np.isfinite(mode.omega) for mode in modes)
+
+
 def test_a_lead_goes_by_the_cycles_of_the_task_that_computes_the_word() -> None:
     """A ramp of 6 1/s through a slow and a fast task, each shown ahead by half its own cycle."""
     text = """\

@@ -2,7 +2,8 @@
 
 A word reaches the analog machine late by its compute time and, as the DAC holds it for a cycle, by half
 a cycle more on the average. A `lead` of so much makes up for it to first order. It belongs to the
-converter: where both ends are on one machine there is none. The cycles are those of the word's task.
+converter: where both ends are on one machine there is none. The cycles are those of the word's task. The
+first of them knows none before it, and shows the word itself.
 """
 
 from __future__ import annotations
@@ -11,6 +12,7 @@ from dataclasses import replace
 
 from hybrid.errors import PatchError
 from hybrid.expressions import Binary, Call, Name
+from hybrid.integration import FIRST
 from hybrid.patch import Assignment, Dac, Patch, Program, State
 
 
@@ -27,7 +29,7 @@ def with_leads(patch: Patch) -> Patch:
 
 
 def _led(dac: Dac, program: Program) -> tuple[Program, str]:
-    """word + lead/period (word - previous(word)), and its name, which no patch can have."""
+    """word + lead/period (word - the word before), and its name, which no patch can have."""
     task = next((t for t in program.tasks if dac.word in (*t.words, *t.states)), None)
     period = task.period if task else program.period
     if period is None:
@@ -39,8 +41,8 @@ def _led(dac: Dac, program: Program) -> tuple[Program, str]:
     assert dac.lead is not None
     word = Name(dac.word)
     cycles = Binary("/", dac.lead.expr, period.expr)
-    change = Binary("-", word, Call("previous", (word,)))
-    expr = Binary("+", word, Binary("*", cycles, change))
+    before = Call("select", (Name(FIRST), word, Call("previous", (word,))))
+    expr = Binary("+", word, Binary("*", cycles, Binary("-", word, before)))
     name = f"{dac.name} ahead"
     entry = next(entry for entry in program.written if entry.word == dac.word)
     made = Assignment(name, expr, dac.place, entry.dimension, hidden=True)
