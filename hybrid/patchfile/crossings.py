@@ -86,7 +86,7 @@ class Crossings:
             fitting = [a.name for a in self.patch.adcs if self._samples(a, name)]
         if not fitting:
             end = "_held" if self.where[name] == DIGITAL else "_sample"
-            fitting = [m for m, one in self.made.items() if name in (_end(one),)]
+            fitting = [m for m, one in self.made.items() if name == _end(one)]
             if not fitting:
                 fitting = [self.free(name + end)]
                 self.made[fitting[0]] = self._converter(fitting[0], name)
@@ -116,18 +116,17 @@ class Crossings:
         if self.where[name] == ANALOG:
             return Adc(made, name, bits, None, None, 0, place)
         scale = self.scale(name)
-        initial = self._initial(name)
         return Dac(
-            made,
-            name,
-            bits,
-            initial,
-            scale.value,
-            scale.unit,
-            scale.factor,
-            scale.dimension,
-            {},
-            place,
+            name=made,
+            word=name,
+            bits=bits,
+            initial=self._initial(name),
+            full_scale=scale.value,
+            unit=scale.unit,
+            factor=scale.factor,
+            dimension=scale.dimension,
+            errors={},
+            place=place,
         )
 
     def _initial(self, name: str) -> Value:

@@ -29,9 +29,10 @@ def read_when(book: Book, fields: Fields, states: frozenset[str]) -> tuple[str, 
                 f"{what} has both when and {key}; a clock starts its cycles, or a comparator does",
                 fields.place(key),
             )
-    for state in sorted(states):
+    if states:
         raise PatchError(
-            f"{what} integrates {state!r}, whose step is the period; give it a period in place of when",
+            f"{what} integrates {min(states)!r}, whose step is the period; give it a period in place "
+            "of when",
             place,
         )
     name, _, edge = fields.text("when").rpartition(" ")
