@@ -212,6 +212,12 @@ def _warnings(machine: Machine) -> tuple[str, ...]:
             f"every is {every_s:g} s, longer than the run of {until_s:g} s: the record has one row"
         )
         warn(patch.run.every, what)
+    for dac in patch.dacs:
+        if dac.begins_unknown:
+            what = f"DAC {dac.name!r} is made for {dac.word!r}, whose value at t = 0 shows in a run only"
+            found.append(
+                f"{dac.place}: {what}, and begins at 0; add it to interface: with its initial"
+            )
     for readout in patch.readouts:
         for edge, told in ((readout.start, "no row is read"), (readout.end, "it is read to there")):
             if edge and to_ticks(edge.number(scope)) > timing.until:

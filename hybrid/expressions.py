@@ -239,17 +239,22 @@ def next_names(tree: Node) -> frozenset[str]:
 
 def renamed(tree: Node, new: Mapping[str, str]) -> Node:
     """The tree with other names for present values; what previous() and next() name stays."""
+    return substituted(tree, {old: Name(name) for old, name in new.items()})
+
+
+def substituted(tree: Node, new: Mapping[str, Node]) -> Node:
+    """The tree with expressions in place of present values; what previous() and next() name stays."""
     match tree:
         case Name(id):
-            return Name(new.get(id, id))
+            return new.get(id, tree)
         case Unary(op, operand):
-            return Unary(op, renamed(operand, new))
+            return Unary(op, substituted(operand, new))
         case Binary(op, left, right):
-            return Binary(op, renamed(left, new), renamed(right, new))
+            return Binary(op, substituted(left, new), substituted(right, new))
         case Call(function, args) if function not in OTHER_TIMES:
-            return Call(function, tuple([renamed(argument, new) for argument in args]))
+            return Call(function, tuple([substituted(argument, new) for argument in args]))
         case LookUp(table, args):
-            return LookUp(table, tuple([renamed(argument, new) for argument in args]))
+            return LookUp(table, tuple([substituted(argument, new) for argument in args]))
     return tree
 
 

@@ -128,6 +128,7 @@ class Dac:
     place: Place = NOWHERE
     transfer: str | None = None  # the task whose end shows what was loaded; None: its own
     lead: Value | None = None  # so much later than sampled it shows the word to be
+    begins_unknown: bool = False  # made for a word of which the patch does not say how it begins
 
 
 @dataclass(frozen=True, slots=True)

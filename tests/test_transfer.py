@@ -249,6 +249,48 @@ def test_a_converter_is_made_where_none_is() -> None:
     assert hybrid.run(patch).status == "complete"
 
 
+MADE = """\
+title: Made
+machine: lags
+parameters: {cycle: 10 ms, half: 0.5, rate: 1 1/s}
+analog:
+  x: {integrate: {LINE}, initial: half, full_scale: 4}
+  y: {integrate: {x: -rate}, initial: 2, full_scale: 4}
+  made: {WHAT, full_scale: 8}
+  a: {sum: {b: 0.5, x: 1}, full_scale: 8}
+  b: {coefficient: {a: 0.5}, full_scale: 8}
+digital: {period: cycle}
+run: {until: 1 s}
+"""
+
+
+@pytest.mark.parametrize(
+    ("what", "first"),
+    [
+        ("sum: {x: 1, y: 3}", 6.5),
+        ("multiply: [x, y], gain: 2", 2.0),
+        ("sine: 2, omega: 1 rad/s, phase: 0.5", 2 * np.sin(0.5)),
+        ("step: 1, at: 0 s, before: 3", 1.0),
+        ("step: 1, at: 1 s, before: 3", 3.0),
+        ("integrate: {x: 1 1/s}, initial: 1.5", 1.5),
+        ("function: x, points: {0: 1, 1: 2}", None),
+        ("invert: a", None),
+    ],
+)
+def test_a_made_dac_begins_at_the_value_of_its_word(what: str, first: float | None) -> None:
+    """By hand, with x = half and y = 2 at t = 0; and it is told of where only a run can tell."""
+    text = MADE.replace("WHAT", what).replace("LINE", "made: rate")
+    patch = parse_patch(text, "t.yaml", {"made": "digital"})
+    (dac,) = patch.dacs
+    assert dac.name == "made_held"
+    assert dac.initial.number(patch.bind()) == pytest.approx(first or 0.0, rel=1e-15)
+    told = [w for w in hybrid.check(patch, trial=False).warnings if "begins" in w]
+    assert len(told) == (first is None)
+    assert all(w.startswith("t.yaml:7: DAC 'made_held' is made for 'made'") for w in told)
+    if what.startswith("sum"):
+        assert dac.initial.number(patch.bind({"half": 0.75})) == 6.75
+
+
 def test_an_adc_is_made_where_none_is() -> None:
     text = LOOP.replace("word: -100*sample*unit", "word: -100*sample*unit, shown: 2*word")
     text = text.replace(", unit: 1 1/s^2", "")

@@ -10,11 +10,24 @@ from collections.abc import Collection, Mapping
 from dataclasses import replace
 
 from hybrid.errors import PatchError, Place
-from hybrid.expressions import Name, names
+from hybrid.expressions import (
+    ExpressionError,
+    Name,
+    Node,
+    Number,
+    evaluate,
+    names,
+    sub_expressions,
+    substituted,
+)
 from hybrid.fields import FullScale
 from hybrid.patch import Adc, Component, Dac, Patch, Program, State, Value, literal
 from hybrid.patchfile.to_components import is_cord
+from hybrid.patchfile.to_program import Surroundings, edges_of, words_of
 
+CLOCK_AT_ZERO = "t = 0"  # no name that a patch can have
+# In a value at t = 0: words written out grow as the product of what they share.
+MOST_TERMS = 1000
 ANALOG, DIGITAL = "analog", "digital"
 
 
@@ -42,6 +55,10 @@ class Crossings:
             if where[word] == ANALOG and is_cord(entry, patch.parameters)
             if isinstance(entry.expr, Name)
         }
+        scales = {name: scale.value for name, scale in self.full_scales.items()}
+        dimensions = {name: scale.dimension for name, scale in self.full_scales.items()}
+        period = program.period.expr if program.period else Number(1.0)
+        self._at_zero = Surroundings("", scales, dimensions, CLOCK_AT_ZERO, period)
         self.made: dict[str, Adc | Dac] = {}
         self._used: set[str] = set()  # converters that something reads
         self._read_before = _read(patch)
@@ -116,26 +133,58 @@ class Crossings:
         if self.where[name] == ANALOG:
             return Adc(made, name, bits, None, None, 0, place)
         scale = self.scale(name)
+        initial = self._initial(name)
         return Dac(
             name=made,
             word=name,
             bits=bits,
-            initial=self._initial(name),
+            initial=initial or literal(0.0),
             full_scale=scale.value,
             unit=scale.unit,
             factor=scale.factor,
             dimension=scale.dimension,
             errors={},
             place=place,
+            begins_unknown=initial is None,
         )
 
-    def _initial(self, name: str) -> Value:
-        """What a DAC shows of a word before there is a result: a state's first value, else 0."""
+    def _initial(self, name: str) -> Value | None:
+        """What a DAC shows of a word before there is a result: its value at t = 0; None if not known."""
+        try:
+            value = Value(self._begins(name), self.place(name), f"value of {name!r} at t = 0")
+            evaluate(value.expr, self.patch.bind())
+        except (ExpressionError, PatchError):  # of what only a run or the analog machine can tell
+            return None
+        return value
+
+    def _begins(self, name: str, above: frozenset[str] = frozenset()) -> Node:
+        """The value at t = 0 over parameters; raises ExpressionError where it shows in a run only."""
+        if name in above:
+            raise ExpressionError(f"{name!r} depends on itself")
+        above |= {name}
+        if name in self.adcs:
+            return self._begins(self.adcs[name].source, above)
+        if name in self.dacs:
+            dac = self.dacs[name]
+            return dac.initial.expr if self.is_kept(dac) else self._begins(dac.word, above)
+        if name not in {**self.components, **self.words}:
+            return Name(name)  # a parameter
         component, entry = self.components.get(name), self.words.get(name)
+        edges: Mapping[str, Node] = {}
+        if component:
+            if "initial" in component.values:
+                return component.values["initial"].expr
+            edges = {edge.word: edge.expr for edge in edges_of(component, self._at_zero)}
+            entry = words_of(component, self._at_zero)
+        assert entry is not None
         if isinstance(entry, State):
-            return entry.initial
-        known = component.values.get("initial") if component else None
-        return known or literal(0.0)
+            return entry.initial.expr
+        expr = substituted(entry.expr, edges)
+        begins = {n: self._begins(n, above) for n in sorted(names(expr) - {CLOCK_AT_ZERO})}
+        whole = substituted(expr, {**begins, CLOCK_AT_ZERO: Number(0.0)})
+        if sum(1 for _ in sub_expressions(whole)) > MOST_TERMS:
+            raise ExpressionError(f"{name!r} is too long")
+        return whole
 
     def place(self, name: str) -> Place:
         """Where a signal or word is written."""
