@@ -49,7 +49,8 @@ def _note(
     for k in range(q):
         end_at, end, slope_end = grid.points[k + 1], nodes[k], _slope(grid, start, nodes, k + 1)
         turn_at, turn = before_at, 0.0
-        if slope_before * slope_end < 0.0:
+        rise = _tangents_meet(before, slope_before, end, slope_end, end_at - before_at)
+        if slope_before * slope_end < 0.0 and abs(rise) > 1.0 + RESOLUTION:
             turn_at = _where(grid, start, nodes, 1, 0.0, before_at, end_at)
             turn = _read(grid, start, nodes, 0, turn_at)
         if abs(turn) > max(1.0 + RESOLUTION, abs(before), abs(end)):
@@ -93,6 +94,19 @@ def _add(
         overload[WORST_VALUE], overload[WORST_S] = begins, t_s + length_s * begins_at
     if sign * ends > abs(overload[WORST_VALUE]):
         overload[WORST_VALUE], overload[WORST_S] = ends, t_s + length_s * ends_at
+
+
+@compiled
+def _tangents_meet(
+    before: float, slope_before: float, end: float, slope_end: float, width: float
+) -> float:
+    """Where the tangents at two points meet: further out than a signal that turns once in between.
+
+    To find the turn itself costs as much as some sweeps, and few are near enough to matter.
+    """
+    if slope_before == slope_end:
+        return before
+    return before + slope_before * (end - before - slope_end * width) / (slope_before - slope_end)
 
 
 @compiled
