@@ -8,7 +8,7 @@ from __future__ import annotations
 import json
 import math
 import time
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import TYPE_CHECKING, Any
@@ -18,24 +18,21 @@ import numpy as np
 from hybrid.arguments import Parameters, Source, machine_of, whole_number
 from hybrid.beginnings import first_results, initial_words
 from hybrid.coupling import modes
-from hybrid.engine import kernel
+from hybrid.endings import ending
 from hybrid.engine.linear import DAC_SUFFIX, Overload, Player
 from hybrid.engine.ranges import outside
 from hybrid.engines import check_engine, engine_of, player_of, wants_circuit
 from hybrid.errors import PatchError, counted
 from hybrid.growth import growth_text
 from hybrid.linearity import NotLinear
-from hybrid.machine import Floats, Machine, Pen, utilisation
+from hybrid.machine import Floats, Machine, Pen
 from hybrid.patch import Readout
 from hybrid.readout import FEWEST_ROWS_PER_CYCLE, READOUTS
 from hybrid.record import full_scales, pens_for, record_parts, signal_units
-from hybrid.roundoff import roundoff_text, word_lengths
+from hybrid.roundoff import roundoff_text
 from hybrid.scale import row_times_s, to_seconds, to_ticks
 from hybrid.storage import Parts
-from hybrid.tables import STOPS
-from hybrid.tasks import ROUNDING
 from hybrid.timeline import build_timeline
-from hybrid.wordlength import LARGEST_SINGLE, Kind
 from hybrid.workload import TaskRow, task_rows, to_dicts
 
 if TYPE_CHECKING:
@@ -45,8 +42,6 @@ if TYPE_CHECKING:
 Progress = Callable[[float], None]
 
 LARGEST_SEED = 2**63 - 1
-# Functions asked beyond their range that the note of a run tells of.
-MOST_OUTSIDE = 3
 
 
 @dataclass(frozen=True, eq=False)
@@ -245,145 +240,6 @@ def _play(player: Player, progress: Progress | None) -> tuple[str, str]:
         note = f"interrupted at {player.done_s:.6g} s; the record ends there"
         return "interrupted", "; ".join((note, *player.remarks()))
     return ending(player)
-
-
-def ending(player: Player) -> tuple[str, str]:
-    """Status and note of a run that has come to its end, or could not go on."""
-    if player.outcome == kernel.RUNAWAY:
-        return "stopped", (
-            f"stopped at {player.done_s:.6g} s: a signal went beyond {kernel.RUNAWAY_MU:.0e} times "
-            "its full scale; the patch is unstable"
-        )
-    if player.outcome == kernel.DONE and player.timeline.why_stopped:
-        return "stopped", f"stopped at {player.done_s:.9g} s: {player.timeline.why_stopped}"
-    if player.outcome == kernel.OVERLOADED:
-        first = player.overloads()[0]
-        return "stopped", (
-            f"stopped at {first.time_s:.9g} s: {first.signal} is beyond its full scale, and run: has "
-            "on_overload: stop"
-        )
-    if player.outcome == kernel.OVERFLOWED:
-        words = [o.signal for o in player.overloads() if o.signal in player.machine.tape.words]
-        return "stopped", (
-            f"stopped at {player.done_s:.9g} s: {words[-1]} does not fit into its word, whose overflow "
-            "is to stop the run"
-        )
-    if player.outcome == kernel.CHATTERS:
-        return "stopped", (
-            f"stopped at {player.done_s:.6g} s: a comparator or limiter chatters: give it hysteresis, "
-            "or what it drives a lag"
-        )
-    if player.outcome == kernel.NOT_RESOLVED:
-        return "stopped", f"stopped at {player.done_s:.6g} s: the signals change too fast to follow"
-    if player.outcome == kernel.OUTSIDE:
-        return "stopped", f"stopped at {player.done_s:.6g} s: {_stopper(player)}"
-    if player.outcome == kernel.NOT_FINITE:
-        words = [
-            w
-            for w, v in zip(player.machine.tape.words, player.state.words.tolist(), strict=True)
-            if not np.isfinite(v)
-        ]
-        return "stopped", (
-            f"stopped at {player.done_s:.6g} s: {_cycle_text(player)} "
-            "the program computed no finite number for "
-            f"{', '.join(words)} (a number beyond {_largest_text(player.machine, words)}, a division by "
-            "zero, or a root or logarithm of a negative number)"
-        )
-    machine = player.machine
-    notes = (
-        _held_note(player),
-        _short_note(machine),
-        _late_readouts(machine),
-        _too_much(machine),
-        _left_out(player),
-        _outside_note(player),
-        *player.remarks(),
-    )
-    return "complete", "; ".join(filter(None, notes))
-
-
-def _late_readouts(machine: Machine) -> str:
-    """Which readouts would look at more than the run has; ''."""
-    until_s = to_seconds(machine.timing.until)
-    ends = [(r.name, r.end.number(machine.parameters)) for r in machine.patch.readouts if r.end]
-    late = [f"{name} {end_s:.6g} s" for name, end_s in ends if end_s > until_s * (1 + 1e-12)]
-    told = ", ".join(late)
-    return f"readouts see the run's {until_s:.6g} s only, not all until {told}" if late else ""
-
-
-def _largest_text(machine: Machine, words: Sequence[str]) -> str:
-    """The largest number that words may hold."""
-    lengths = word_lengths(machine.patch.program, machine.parameters)
-    single = f"{LARGEST_SINGLE:.2g}, the largest float32"
-    found = {single if lengths[word].kind is Kind.SINGLE else "1.8e308" for word in words}
-    return " or ".join(sorted(found))
-
-
-def _stopper(player: Player) -> str:
-    """The call that was to stop the run, and why."""
-    found = next(o for o in outside(player) if o.action == STOPS)
-    return f"{found}, and is declared with outside: stop"
-
-
-def _outside_note(player: Player) -> str:
-    """Which functions of the program were asked beyond their range; ''."""
-    found = outside(player)
-    more = f"; and {len(found) - MOST_OUTSIDE} more" if len(found) > MOST_OUTSIDE else ""
-    return "; ".join(map(str, found[:MOST_OUTSIDE])) + more
-
-
-def _held_note(player: Player) -> str:
-    """Since when and why the machine is in HOLD after an overload; '' where it is not."""
-    if player.held_s is None:
-        return ""
-    first = player.overloads()[0].signal
-    return f"in HOLD since {player.held_s:.9g} s: {first} went beyond its full scale"
-
-
-def _too_much(machine: Machine) -> str:
-    """That the clocks of the tasks ask for more than the processor has; ''."""
-    total = utilisation(machine.timing.tasks)
-    if total <= 1.0 + ROUNDING:
-        return ""
-    return f"the tasks ask for {100 * total:.4g} % of the processor's time, so cycles are left out"
-
-
-def _left_out(player: Player) -> str:
-    """What the engine does not play of this machine; ''."""
-    machine = player.machine
-    if player.plays_noise:
-        return ""
-    sources = {c.name for c in machine.patch.components if c.kind == "noise_source"}
-    noisy = sorted(n for n, stage in machine.stages.items() if stage.noise > 0.0 or n in sources)
-    if not noisy:
-        return ""
-    return (
-        "noise left out: the reference engine plays none "
-        f"({', '.join(noisy[:3])}{' ...' if len(noisy) > 3 else ''})"
-    )
-
-
-def _short_note(machine: Machine) -> str:
-    """What a run that ends before its digital machine has had a say does not show; '' otherwise."""
-    timing, notes = machine.timing, []
-    if not timing.period:
-        return ""
-    if timing.until < timing.period:
-        notes.append(f"the first cycle of {to_seconds(timing.period):.6g} s is over")
-    if timing.until < machine.latency_ticks and not timing.tasks:
-        reached_s = to_seconds(machine.latency_ticks)
-        notes.append(f"the program's first results reach the DACs at {reached_s:.6g} s")
-    before = " and ".join(notes)
-    return f"the run ends at {to_seconds(timing.until):.6g} s, before {before}" if notes else ""
-
-
-def _cycle_text(player: Player) -> str:
-    """The cycle, counted from 1, whose result a run has just met."""
-    if player.machine.timing.tasks:
-        return "in a cycle that ended then,"
-    period = player.machine.timing.period
-    before = (player.done_ticks - player.machine.latency_ticks) // period
-    return f"in cycle {before + 1}, which began at {to_seconds(before * period):.6g} s,"
 
 
 def _ordinal(number: int) -> str:

@@ -15,12 +15,12 @@ from typing import Any
 
 import numpy as np
 
+from hybrid.endings import ending
 from hybrid.engine import kernel
 from hybrid.engine.linear import DAC_SUFFIX, Player
 from hybrid.engines import player_of
 from hybrid.machine import Floats, Machine, Pen
 from hybrid.record import full_scales
-from hybrid.runs import ending
 from hybrid.scale import to_seconds
 from hybrid.timeline import build_timeline
 from hybrid.workload import TaskRow, task_rows
