@@ -21,6 +21,8 @@ from hybrid.timeline import Timeline
 def initial_words(machine: Machine) -> Floats:
     """What every word shows before its first result, (words,) in SI units: a state its initial value."""
     tape = machine.tape
+    if not len(tape.states):
+        return np.zeros(len(tape.words))
     is_state = np.isin(tape.word_registers, tape.states[:, 0])
     return np.where(is_state, tape.registers[tape.word_registers], 0.0)
 

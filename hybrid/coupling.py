@@ -145,6 +145,8 @@ def _repeating(machine: Machine) -> Timeline:
 def _short(machine: Machine) -> Machine:
     """The same machine without steps, run just long enough for one stretch to repeat."""
     timing = machine.timing
+    if _is_plain(machine):
+        return machine
     # The record does not belong to the loop: let it follow the cycle.
     every, until = timing.period, 5 * timing.period + 2 * machine.latency_ticks
     tasks = tuple(
@@ -155,6 +157,14 @@ def _short(machine: Machine) -> Machine:
         until = MOST_STRETCHES * every
     timing = replace(timing, every=every, until=until, tasks=tasks)
     return replace(machine, steps=(), operation=None, timing=timing)
+
+
+def _is_plain(machine: Machine) -> bool:
+    """Whether the run itself is a cycle, with a row, again and again: then it is laid out but once."""
+    timing = machine.timing
+    steady = not (machine.steps or machine.operation or timing.tasks)
+    enough = timing.until >= 5 * timing.period + 2 * machine.latency_ticks
+    return steady and enough and timing.every == timing.period
 
 
 class _Tracker:

@@ -6,6 +6,8 @@ has a repeated eigenvalue 0; both need more care than LAPACK's answer as it come
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 import numpy.typing as npt
 
@@ -17,9 +19,13 @@ Complex = npt.NDArray[np.complex128]
 # Modes that lose all but this much of themselves in one stretch are results passing through.
 FORGOTTEN = 1e-9
 BALANCING_SWEEPS = 20
+# A half would do for one row by itself; all change at once, so two that share an entry would overshoot.
+BALANCING_STEP = 1.0 / 3.0
 # Figures that go round the loops: eigenvalues of more would take minutes, and polishing them from
 # here on more than a second.
 LARGEST_MAP, LARGEST_POLISHED = 600, 150
+# Newton steps end when they move an eigenvalue by no more of itself, and its vector by the root of it.
+SETTLED = 1e-13
 # A figure that grows by more over one stretch cannot be squared.
 LARGEST_GROWTH = 1e100
 
@@ -64,7 +70,7 @@ def _balanced(matrix: Floats) -> Floats:
     others.flat[:: len(matrix) + 1] = 0.0
     for _ in range(BALANCING_SWEEPS):
         rows, columns = (others @ unit) / unit, ((1.0 / unit) @ others) * unit
-        powers = np.rint(0.5 * np.log2(rows / columns))
+        powers = np.rint(BALANCING_STEP * np.log2(rows / columns))
         powers[~((rows > 0.0) & (columns > 0.0))] = 0.0
         unit = np.ldexp(unit, powers.astype(int))
         if (np.abs(powers) <= 1.0).all():  # a further factor of two mends nothing
@@ -113,5 +119,9 @@ def _polish(matrix: Floats, values: Complex, vectors: Complex) -> Complex:
         # A step that is not small means a multiple eigenvalue: keep LAPACK's answer there.
         good = np.all(np.isfinite(step), axis=1) & (np.abs(step[:, n]) <= 1e-3 * np.abs(values))
         vectors = np.where(good[:, None], vectors + step[:, :n], vectors)
+        moved = np.abs(step[:, n]) > SETTLED * np.abs(values)
+        moved |= np.abs(step[:, :n]).max(axis=1) > math.sqrt(SETTLED)
         values = np.where(good, values + step[:, n], values)
+        if not (moved & good).any():  # what the step has left is as small as its square
+            break
     return values

@@ -360,17 +360,22 @@ def transient(time_s: Array, values: Array) -> Readout:
     steps = np.diff(time_s)
     interval_s = float(np.mean(steps)) if len(steps) else 0.0
     if len(values) < FEWEST_ROWS:
-        found = _no_answer(_unusable(values), 0)
-    elif not interval_s > 0.0 or np.max(np.abs(steps - interval_s)) > (
+        return figures(_no_answer(_unusable(values), 0))
+    if not interval_s > 0.0 or np.max(np.abs(steps - interval_s)) > (
         UNEVEN * interval_s + 4.0 * EPS * float(np.max(np.abs(time_s)))
     ):
-        found = _no_answer("the rows are not evenly spaced in time", 0)
-    else:
-        found = measure_transient(values, interval_s)
-    left_out = ("residual_rms", "kind", "rows_used")
-    return {f.name: getattr(found, f.name) for f in fields(found) if f.name not in left_out}
+        return figures(_no_answer("the rows are not evenly spaced in time", 0))
+    return figures(measure_transient(values, interval_s))
 
 
+def figures(found: Transient) -> Readout:
+    """A transient as a readout tells it."""
+    return {name: getattr(found, name) for name in TOLD}
+
+
+TOLD = tuple(
+    f.name for f in fields(Transient) if f.name not in ("residual_rms", "kind", "rows_used")
+)
 READOUTS: dict[str, Callable[[Array, Array], Readout]] = {
     "final": final,
     "maximum": maximum,

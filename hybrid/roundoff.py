@@ -23,7 +23,7 @@ from hybrid.expressions import (
     previous_names,
 )
 from hybrid.machine import Machine
-from hybrid.patch import Assignment, Program
+from hybrid.patch import Assignment, Program, WordSettings
 from hybrid.wordlength import FLOAT64, Kind, WordLength
 
 # Less than one part in a hundred is what short words are for.
@@ -43,9 +43,11 @@ def word_lengths(program: Program | None, scope: Mapping[str, float]) -> dict[st
 def lost_constants(machine: Machine) -> tuple[str, ...]:
     """A line for every constant and first value that its word length changes by more than MOST_LOST."""
     program, scope = machine.patch.program, machine.parameters
+    if program is None or (program.word == WordSettings() and not program.lengths):
+        return ()
     found = dict[str, None]()
     for word, length in word_lengths(program, scope).items():
-        if length == FLOAT64 or program is None:
+        if length == FLOAT64:
             continue
         for value, held, place, what in _held(program, word, length, scope):
             if abs(held - value) > MOST_LOST * abs(value):

@@ -5,6 +5,7 @@ Stage 5. An interrupted or stopped run keeps what was computed and says so.
 
 from __future__ import annotations
 
+import bisect
 import json
 import math
 import time
@@ -27,12 +28,12 @@ from hybrid.growth import growth_text
 from hybrid.linearity import NotLinear
 from hybrid.machine import Floats, Machine, Pen
 from hybrid.patch import Readout
-from hybrid.readout import FEWEST_ROWS_PER_CYCLE, READOUTS
+from hybrid.readout import FEWEST_ROWS_PER_CYCLE, READOUTS, figures, measure_transient
 from hybrid.record import full_scales, pens_for, record_parts, signal_units
 from hybrid.roundoff import roundoff_text
 from hybrid.scale import row_times_s, to_seconds, to_ticks
 from hybrid.storage import Parts
-from hybrid.timeline import build_timeline
+from hybrid.timeline import Timeline, build_timeline
 from hybrid.workload import TaskRow, task_rows, to_dicts
 
 if TYPE_CHECKING:
@@ -50,22 +51,61 @@ class Run:
 
     machine: Machine
     seed: int
-    cycles: int
+    timeline: Timeline
+    done_ticks: int  # up to where it was played
     status: str  # 'complete', 'interrupted' or 'stopped'
     status_note: str  # why it ended early, or that it is too short to show the digital machine
-    rows_note: str
+    keep_every: int  # of the rows asked for, 1 in n
     pens: tuple[Pen, ...]
-    time_s: Floats
     rows: Floats
     overloads: tuple[dict[str, Any], ...]
     operations: int = 0  # of the machine, by time, that were played to their end
     readouts: dict[str, dict[str, Any]] = field(default_factory=dict)
     engine: str = "exact"  # which one played it
     outside: tuple[dict[str, Any], ...] = ()  # functions of the program asked beyond their range
-    tasks: tuple[TaskRow, ...] = ()  # how the digital machine did
     played_s: float = 0.0  # how long the engine took, of real time
-    # When each ADC and word has its first result, infinite where the run ends before.
-    firsts_s: Mapping[str, float] = field(default_factory=dict)
+
+    @property
+    def row_ticks(self) -> int:
+        """From one row to the next."""
+        return self.machine.timing.every * self.keep_every
+
+    def row_s(self, number: int) -> float:
+        """When a row was taken."""
+        return to_seconds(number * self.row_ticks)
+
+    @cached_property
+    def time_s(self) -> Floats:
+        """When each row was taken, (rows,)."""
+        return row_times_s(len(self.rows), self.row_ticks)
+
+    @property
+    def rows_note(self) -> str:
+        """Which rows were kept; '' for all."""
+        return thinning_text(self.keep_every)
+
+    @cached_property
+    def tasks(self) -> tuple[TaskRow, ...]:
+        """How the digital machine did."""
+        return task_rows(self.machine, self.timeline, self.done_ticks)
+
+    @property
+    def cycles(self) -> int:
+        """Digital cycles that were played."""
+        period = self.machine.timing.period
+        return self.done_ticks // period if period else sum(row.cycles for row in self.tasks)
+
+    @cached_property
+    def firsts_s(self) -> dict[str, float]:
+        """When each ADC and word has its first result, infinite where the run ends before."""
+        firsts = first_results(self.machine, self.timeline, self.seed).items()
+        return {name: t if math.isinf(t) else to_seconds(int(t)) for name, t in firsts}
+
+    def first_s(self, signal: str) -> float:
+        """When a signal has its first result: one of the analog side, at once."""
+        if signal in self.machine.analog.signals:
+            return 0.0
+        return self.firsts_s.get(signal, 0.0)
 
     @cached_property
     def record(self) -> xr.Dataset:
@@ -98,7 +138,7 @@ class Run:
     def __repr__(self) -> str:
         lines = [
             f"<Run {self.machine.patch.title!r} on {self.machine.preset!r}, seed {self.seed}: "
-            f"{counted(self.cycles, 'cycle')}, {counted(len(self.time_s), 'row')}, {self.status}>"
+            f"{counted(self.cycles, 'cycle')}, {counted(len(self.rows), 'row')}, {self.status}>"
         ]
         lines += [f"  {self.status_note}"] * bool(self.status_note)
         for name, quantities in self.readouts.items():
@@ -162,32 +202,24 @@ def run(
     if status == "complete":
         lost = roundoff_text(compiled)
         note = "; ".join(filter(None, (note, growth_text(pens, player.record), lost)))
-    every_s = to_seconds(compiled.timing.every * keep_every)
-    period = compiled.timing.period
-    tasks = task_rows(compiled, timeline, player.done_ticks)
     result = Run(
         compiled,
         seed,
-        player.done_ticks // period if period else sum(row.cycles for row in tasks),
+        timeline,
+        player.done_ticks,
         status,
         note,
-        thinning_text(keep_every),
+        keep_every,
         pens,
-        row_times_s(len(player.record), compiled.timing.every * keep_every),
         player.record,
         _overloads(compiled, player.overloads()),
         compiled.operation.done(player.done_ticks) if compiled.operation else 0,
         engine=played_by,
         outside=tuple(found.facts() for found in outside(player)),
-        tasks=tasks,
         played_s=played_s,
-        firsts_s={
-            name: tick if math.isinf(tick) else to_seconds(int(tick))
-            for name, tick in first_results(compiled, timeline, seed).items()
-        },
     )
     try:
-        result.readouts.update(_read_out(result, every_s))
+        result.readouts.update(_read_out(result))
     except KeyboardInterrupt:
         note = (
             "interrupted while the readouts were measured; the record goes on to where the run did"
@@ -273,21 +305,26 @@ def _overloads(machine: Machine, found: tuple[Overload, ...]) -> tuple[dict[str,
     return tuple(entries)
 
 
-def _read_out(result: Run, interval_s: float) -> dict[str, dict[str, Any]]:
+def _read_out(result: Run) -> dict[str, dict[str, Any]]:
     scope, units = result.machine.parameters, signal_units(result.machine)
     columns = {pen.name: i for i, pen in enumerate(result.pens)}
-    found = {}
+    interval_s = to_seconds(result.row_ticks)
+    found: dict[str, dict[str, Any]] = {}
     for readout in result.machine.patch.readouts:
         first, last = _window(readout, scope, result)
         values = np.ascontiguousarray(result.rows[first:last, columns[readout.signal]])
-        sparse = _too_sparse(result.machine, interval_s) if readout.kind == "transient" else ""
+        is_transient = readout.kind == "transient"
+        sparse = _too_sparse(result.machine, interval_s) if is_transient else ""
         late = _too_late(readout, result)
         try:
             if late or sparse:
                 raise ValueError(late or sparse)
-            quantities = READOUTS[readout.kind](result.time_s[first:last], values)
+            if is_transient:
+                quantities = figures(measure_transient(values, interval_s))
+            else:
+                quantities = READOUTS[readout.kind](result.time_s[first:last], values)
         except ValueError as reason:
-            none = ("omega", "omega_damped", "zeta") if readout.kind == "transient" else ()
+            none = ("omega", "omega_damped", "zeta") if is_transient else ()
             quantities = dict.fromkeys(none)
             quantities["reason"] = str(reason)
         note = _overload_note(readout, result, last)
@@ -298,8 +335,8 @@ def _read_out(result: Run, interval_s: float) -> dict[str, dict[str, Any]]:
 def _too_late(readout: Readout, result: Run) -> str:
     """Why a readout that begins after the record's end has no rows; '' where it has."""
     start_s = readout.start.number(result.machine.parameters) if readout.start else 0.0
-    last_s = float(result.time_s[-1]) if len(result.time_s) else 0.0
-    if result.firsts_s.get(readout.signal, 0.0) > last_s:
+    last_s = result.row_s(max(len(result.rows) - 1, 0))
+    if result.first_s(readout.signal) > last_s:
         return f"{readout.signal} has no result before the end of the record at {last_s:g} s"
     if not readout.start or start_s <= last_s:
         return ""
@@ -338,12 +375,13 @@ def _window(readout: Readout, scope: Mapping[str, float], result: Run) -> tuple[
     # Through ticks, as the rows' times are, so that 3 * 0.1 s names the row at 0.3 s.
     start_s = to_seconds(to_ticks(readout.start.number(scope))) if readout.start else 0.0
     end_s = to_seconds(to_ticks(readout.end.number(scope))) if readout.end else np.inf
-    start_s = max(start_s, result.firsts_s.get(readout.signal, 0.0))
-    first = int(np.searchsorted(result.time_s, start_s, side="left"))
-    last = int(np.searchsorted(result.time_s, end_s, side="right"))
+    start_s = max(start_s, result.first_s(readout.signal))
+    rows = range(len(result.rows))
+    first = bisect.bisect_left(rows, start_s, key=result.row_s)
+    last = bisect.bisect_right(rows, end_s, key=result.row_s)
     clipped = _first_clip(readout, result)
     if clipped is not None:
-        last = min(last, int(np.searchsorted(result.time_s, clipped["time_s"], side="left")))
+        last = min(last, bisect.bisect_left(rows, clipped["time_s"], key=result.row_s))
     return first, max(last, first)
 
 
@@ -358,6 +396,6 @@ def _first_clip(readout: Readout, result: Run) -> dict[str, Any] | None:
 
 def _overload_note(readout: Readout, result: Run, last: int) -> str:
     first = _first_clip(readout, result)
-    if first is None or last >= len(result.time_s):
+    if first is None or last >= len(result.rows):
         return ""
     return f"read up to the overload of {first['signal']} at {first['time_s']:.6g} s"

@@ -88,7 +88,7 @@ def show_run(
     console.print(f"[bold]{escape(machine.patch.title)}[/]  ({escape(machine.patch.file)})")
     console.print(
         f"machine {speed_text(machine)}, seed {run.seed}, {run.engine} engine; "
-        f"{cycles}{counted(len(run.time_s), 'row')}"
+        f"{cycles}{counted(len(run.rows), 'row')}"
         + (f" ({run.rows_note})" if run.rows_note else "")
     )
     if run.status_note:
