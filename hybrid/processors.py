@@ -9,22 +9,27 @@ addition each). Reading operands is in the published times of the machines that 
 
 Published times:
 
-- `ibm_7090` (1959): fixed point, in cycles of 2.18 us: MPY at most 14, DVH at most 14
-  (I, E, 12 L). IBM 7090 Customer Engineering manual, sections on the arithmetic instructions; the
-  length of the cycle, ADD and STO, two cycles, are from memory.
+- `ibm_7090` (1959): fixed point, in cycles of 2.18 us, its core storage's: MPY at most 14, DVH at most
+  14, which are one to read the instruction (I), one to read the operand (E) and twelve (L) (IBM 7090
+  Customer Engineering Instruction-Reference, 223-6895, sections on the arithmetic instructions). ADD is
+  I and E: 229,000 additions in a second (IBM's figure, as in "A Complete History of Mainframe
+  Computing", Tom's Hardware) are two cycles. So is STO, which reads the instruction and writes the word.
 - `ibm_1620` (1959), with automatic floating point: add 1.2 ms, multiply 12.5 ms, divide 41.7 ms for
   mantissas of eight digits, operands in memory (IBM's announcement). Results are written by the
   operation itself.
-- `apollo_guidance_computer` (Block II, 1966): 15-bit words, memory cycle of 11.72 us; MP three and
-  one for EXTEND (H. Blair-Smith's annotations to E. Hall, "Journey to the Moon"); AD two, DV six and
-  one, TS two, from memory.
-- `cdc_6600` (1964): minor cycles of 100 ns: floating multiply 10, floating divide 29 (J. Thornton,
-  "Parallel operation in the Control Data 6600", 1964); floating add 4 and the store from memory. Its
-  units work at the same time; counted one after the other, this is the slow side of the truth.
+- `apollo_guidance_computer` (Block II, 1966): 15-bit words, memory cycles of 11.72 us: AD two, MP three,
+  DV six, TS two, and one for the EXTEND that goes before MP and DV (tables of times in yaAGC,
+  agc_engine.c, of the Virtual AGC project; H. Blair-Smith's annotations to E. Hall, "Journey to the
+  Moon").
+- `cdc_6600` (1964): minor cycles of 100 ns: floating multiply 10, floating divide 29, and 3 for the
+  increment unit, which sets the address that stores (J. Thornton, "Design of a Computer: the Control
+  Data 6600", 1970, table of execution times); floating add 4 ("Functional units in the CDC 7600",
+  University of Edinburgh, homepages.inf.ed.ac.uk/rni/comp-arch). Its units work at the same time;
+  counted one after the other, this is the slow side of the truth.
 - `cortex_m4f`: a microcontroller of 48 MHz with Arm's single-precision unit: add and multiply one
-  cycle, divide 14, load two (Texas Instruments SWCU192, tables of the instruction set); square root 14
-  and store two from memory. Two loads stand beside every operation, as in code that keeps its words in
-  memory.
+  cycle, divide 14, load two (Texas Instruments SWCU192, tables of the instruction set); square root as
+  long as a divide, store one (gcc/config/arm/cortex-m4-fpu.md in the GNU Compiler Collection). Two loads
+  stand beside every operation, one beside a square root, as in code that keeps its words in memory.
 """
 
 from __future__ import annotations
@@ -142,7 +147,7 @@ PROCESSORS: Mapping[str, Processor] = MappingProxyType(
                 5,
                 5,
                 18,
-                2,
+                1,
                 root=16,
             ),
         )

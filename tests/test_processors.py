@@ -48,7 +48,7 @@ def compute_s(processor):
         ("ibm_1620", 9 * 1.2e-3 + 8 * 12.5e-3 + 41.7e-3 + 3 * (41.7e-3 + 1.2e-3)),
         ("apollo_guidance_computer", (9 * 2 + 8 * 4 + 7 + 2 * 2 + 3 * 9) * 11.72e-6),
         ("cdc_6600", (9 * 4 + 8 * 10 + 29 + 2 * 3 + 3 * 33) * 1e-7),
-        ("cortex_m4f", (9 * 5 + 8 * 5 + 18 + 2 * 2 + 16) / 48e6),
+        ("cortex_m4f", (9 * 5 + 8 * 5 + 18 + 2 * 1 + 16) / 48e6),
         ("{add: 1 us, multiply: 10 us, divide: 100 us}", 9e-6 + 80e-6 + 100e-6 + 303e-6),
         (
             "{add: 1 us, multiply: 10 us, divide: 100 us, store: 0.1 us, square_root: 50 us}",
@@ -168,4 +168,4 @@ def test_one_program_is_a_row_too():
     (row,) = hybrid.run(parse_patch(text)).tasks
     assert (row.task, row.cycles, row.overruns) == ("program", 10, 0)
     assert row.operations == COUNTED
-    assert row.worst_response_s == row.compute_s == pytest.approx(123 / 48e6)
+    assert row.worst_response_s == row.compute_s == pytest.approx(121 / 48e6)
