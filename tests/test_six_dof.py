@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -9,14 +10,25 @@ import pytest
 from scipy.integrate import solve_ivp
 from scipy.spatial.transform import Rotation
 from scipy.special import ellipk
-from six_dof import EARTH_RATE, free_body, local_directions, settings, tensor, turned
+from six_dof import (
+    EARTH_RATE,
+    REFERENCE,
+    free_body,
+    local_directions,
+    nasa,
+    settings,
+    tensor,
+    turned,
+)
 
 import hybrid
 from hybrid import surroundings
+from hybrid.patch import literal
 from hybrid.shipped import shipped_folder
 
 PARTS = shipped_folder() / "parts"
 INERTIA = np.array([1.0, 2.0, 3.0])
+FT = 0.3048
 
 
 def play(part: str, until_s: float, every_s: float, settings: dict[str, float]):
@@ -243,3 +255,44 @@ run: {until: 1 s}
     # The table of the standard gives 1.2250 kg/m^3 and 340.294 m/s in so many digits.
     np.testing.assert_allclose(found, -drag * velocity / speed, rtol=5e-5)
     assert shown["ball.mach"] == pytest.approx(speed / 340.294, rel=2e-6)
+
+
+def test_the_f16_of_nasa_on_the_digital_machine(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Ten seconds of case 11 from the published trim, within what is allowed of a digital machine."""
+    published = nasa("11", "05")[:11]
+    monkeypatch.setenv("HYBRID_REFERENCE", str(REFERENCE.resolve()))
+    patch = hybrid.read_patch(PARTS / "f16.yaml", "digital")
+    patch = replace(patch, run=replace(patch.run, until=literal(10.0), every=literal(1.0)))
+    rates = zip("pqr", ("Roll", "Pitch", "Yaw"), strict=True)
+    given = {
+        f"{n}_start": np.radians(published[f"bodyAngularRateWrtEi_deg_s_{axis}"][0])
+        for n, axis in rates
+    }
+    record = hybrid.run(patch, {**given, "compute_time": 0.0}).record
+    np.testing.assert_allclose(record["time"], published["time"], atol=1e-9)
+    height = record["flight.height"].values / FT
+    np.testing.assert_allclose(height, published["altitudeMsl_ft"], rtol=0, atol=0.05)
+    for name, axis in (("north", "X"), ("east", "Y"), ("down", "Z")):
+        speed = record[f"flight.{name}"].values / FT
+        np.testing.assert_allclose(speed, published[f"feVelocity_ft_s_{axis}"], rtol=0, atol=1e-3)
+    for name in ("yaw", "pitch", "roll"):
+        angle = record[f"angles.{name}"].values
+        told = published[f"eulerAngle_deg_{name.capitalize()}"]
+        np.testing.assert_allclose(angle, told, rtol=0, atol=1e-3)
+
+
+@pytest.mark.parametrize(
+    ("on", "says"),
+    [
+        ("analog", "needs a full scale"),
+        ({"axes": "analog"}, "atan2() has no analog component"),
+    ],
+)
+def test_what_the_analog_machine_cannot_have_of_the_f16_is_one_line(
+    monkeypatch: pytest.MonkeyPatch, on: str | dict[str, str], says: str
+) -> None:
+    nasa("11", "05")
+    monkeypatch.setenv("HYBRID_REFERENCE", str(REFERENCE.resolve()))
+    with pytest.raises(hybrid.HybridError) as raised:
+        hybrid.read_patch(PARTS / "f16.yaml", on)
+    assert says in str(raised.value) and "\n" not in str(raised.value)

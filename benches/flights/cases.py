@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 Parameters = Mapping[str, float | str]
 
@@ -16,7 +16,7 @@ class Flight:
     tolerances: Mapping[str, float]
     parameters: Parameters = field(default_factory=dict)
     until_s: float | None = None  # rows beyond are left out
-    trimmed: str = ""  # the patch whose trim is found first
+    trimmed: bool = False  # whether its trim is found first, all digital
     on: str | None = None  # all of it on this machine
 
 
@@ -115,16 +115,18 @@ CASES = (
     atmospheric(
         "11",
         "05",
-        Flight(
-            "parts/f16_digital",
-            {**TRIMMED, "altitude_ft": 0.05, "velocity_ft_s": 1e-3, "euler_deg": 1e-3},
-            trimmed="parts/f16_digital",
+        replace(
+            all_digital(
+                "parts/f16",
+                {**TRIMMED, "altitude_ft": 0.05, "velocity_ft_s": 1e-3, "euler_deg": 1e-3},
+            ),
+            trimmed=True,
         ),
         Flight(
             "parts/f16",
             {"altitude_ft": 5.0, "pitch_deg": 0.05},
             until_s=30.0,
-            trimmed="parts/f16_digital",
+            trimmed=True,
         ),
     ),
 )

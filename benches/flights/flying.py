@@ -63,13 +63,16 @@ def turning_start(published: Published) -> Given:
 
 
 def trim(name: str, given: Mapping[str, float | str]) -> Given:
-    """Pitch, elevator and power at which the first cycle changes neither speed, nor climb, nor pitch rate."""
-    patch = until(shipped(name), 0.02)
+    """Pitch, elevator and power at which the first cycle changes neither speed, nor climb, nor pitch rate.
+
+    All of it is digital, its words shown on time.
+    """
+    patch = until(shipped(name, "digital"), 0.02)
     units = {key: factor(unit) for key, (unit, _) in TRIM.items()}
 
     def rates(unknown: np.ndarray) -> list[float]:
         tried = {key: value * units[key] for key, value in zip(TRIM, unknown, strict=True)}
-        record = hybrid.run(patch, {**given, **tried}).record
+        record = hybrid.run(patch, {**given, **tried, "compute_time": 0.0}).record
         # Shown in m/s and rad/s or deg/s; a change of a cycle that is nothing is so in any unit.
         return [
             float(np.diff(record[signal].values[:2])[0]) * 100.0
@@ -89,7 +92,7 @@ def prepared(case: Case, flight: Flight, published: Published) -> tuple[np.ndarr
     given: Given = {**flight.parameters, **(orbit_start(rows) if case.orbits else {})}
     if flight.trimmed:
         given |= turning_start(rows)
-        given |= trim(flight.trimmed, given)
+        given |= trim(flight.patch, given)
     return rows, given
 
 
