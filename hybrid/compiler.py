@@ -252,7 +252,8 @@ def _sampler(
     time_scale: float,
 ) -> Sampler:
     assert patch.program is not None
-    task = task_of_adc(adc, patch.program, timing.tasks) if timing.tasks else 0
+    ranks = [task.rank for task in timing.tasks]
+    task = task_of_adc(adc, patch.program, ranks) if ranks else 0
     period = timing.tasks[task].period if timing.tasks else timing.period
     full_scale = scales[adc.source]
     range_mu = adc.range.number(scope) / full_scale if adc.range else 1.0

@@ -5,7 +5,7 @@ Stage 3, for `compiler`.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 
 from hybrid.errors import PatchError
 from hybrid.expressions import names
@@ -86,31 +86,37 @@ def task_timings(
 ) -> tuple[TaskTiming, ...]:
     """The tasks by name, ranked: by priority (without any: those that comparators start first, then the
     shorter the period, the higher), then by name. Raises PatchError where cycles would pile up."""
-    periods = {task.name: ticks_of(task.period, scope) for task in program.tasks}
-
-    def place(task: Task) -> tuple[int, str]:
-        first = periods[task.name] if task.priority is None else -task.priority
-        return first, task.name
-
-    ranks = {task.name: rank for rank, task in enumerate(sorted(program.tasks, key=place))}
+    ranks, periods = ranks_of(program, scope), [ticks_of(t.period, scope) for t in program.tasks]
     tasks = tuple(
         TaskTiming(
             task.name,
-            periods[task.name],
+            periods[number],
             ticks_of(task.phase, scope),
             ticks_of(task.compute_time, scope, time_scale)
             if task.compute_time
             else counted_ticks(program, tape, number, scope, time_scale),
-            ranks[task.name],
+            ranks[number],
             task.overrun,
             task.place,
-            _jitter(task, periods[task.name], scope, time_scale),
+            _jitter(task, periods[number], scope, time_scale),
             task.when,
         )
         for number, task in enumerate(program.tasks)
     )
     _refuse_piling_up(tasks)
     return tasks
+
+
+def ranks_of(program: Program, scope: Mapping[str, float]) -> tuple[int, ...]:
+    """Who goes first on the processor: a rank for each task, 0 before all others."""
+
+    def place(number: int) -> tuple[int, str]:
+        task = program.tasks[number]
+        first = ticks_of(task.period, scope) if task.priority is None else -task.priority
+        return first, task.name
+
+    order = sorted(range(len(program.tasks)), key=place)
+    return tuple(order.index(number) for number in range(len(order)))
 
 
 def _jitter(task: Task, period: int, scope: Mapping[str, float], time_scale: float) -> int:
@@ -137,20 +143,21 @@ def _refuse_piling_up(tasks: tuple[TaskTiming, ...]) -> None:
         )
 
 
-def task_of_adc(adc: Adc, program: Program, tasks: tuple[TaskTiming, ...]) -> int:
+def task_of_adc(adc: Adc, program: Program, ranks: Sequence[int]) -> int:
     """The task whose clock samples an ADC: the one it names, else of those that read it the first by
     rank, else (nobody reads it) the first of all. Tasks that wait for a comparator come last: a loop
     would stand still until then."""
     if adc.task is not None:
-        return next(i for i, task in enumerate(tasks) if task.name == adc.task)
-    readers = [
-        i
-        for i, single in enumerate(program.programs)
-        if any(adc.name in names(expr) for entry in single.written for expr in entry.reads)
-    ]
+        return next(i for i, task in enumerate(program.tasks) if task.name == adc.task)
+    readers = [i for i, single in enumerate(program.programs) if adc.name in read_by(single)]
     return min(
-        readers or range(len(tasks)), key=lambda i: (tasks[i].when is not None, tasks[i].rank)
+        readers or range(len(ranks)), key=lambda i: (program.tasks[i].when is not None, ranks[i])
     )
+
+
+def read_by(program: Program) -> frozenset[str]:
+    """Every name that the arithmetic of a program reads at present."""
+    return frozenset().union(*(names(expr) for entry in program.written for expr in entry.reads))
 
 
 def task_of_dac(dac: Dac, program: Program) -> int:

@@ -57,6 +57,15 @@ class WordLength:
         step = self.full_scale / 2.0 ** (self.bits - 1) if self.kind is Kind.FIXED else 0.0
         return (float(self.kind), float(self.bits), float(self.cuts), step, float(self.overflow))
 
+    @property
+    def text(self) -> str:
+        """In words, for people: 'float32'."""
+        if self.kind is Kind.BITS:
+            return f"{self.bits} bit mantissa"
+        return {Kind.DOUBLE: "float64", Kind.SINGLE: "float32"}.get(
+            self.kind, f"{self.bits} bit fixed"
+        )
+
     def constant(self, value: float) -> float:
         """A constant as the program holds it."""
         if self.kind is Kind.DOUBLE:

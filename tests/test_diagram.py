@@ -9,12 +9,14 @@ from pathlib import Path
 import pytest
 from large_patch import large_patch
 
-from hybrid.charts.diagram import MOST_WORDS, PROGRAM, Sheet, draw
+from hybrid.charts.diagram import Sheet, draw
 from hybrid.charts.layered import Box, Cord, lay_out
+from hybrid.charts.programs import MOST_WORDS, PROGRAM, box_name
 from hybrid.charts.symbols import SYMBOLS, Field, text_width
 from hybrid.cli import main
 from hybrid.components import CATALOG
 from hybrid.errors import PatchError
+from hybrid.expressions import names
 from hybrid.patchfile import parse_patch, read_patch
 from hybrid.shipped import shipped_patches
 
@@ -30,10 +32,69 @@ analog:
 run: {until: 100 ms, every: 1 ms}
 """
 LONE = "title: Alone\nanalog: {a: {constant: 1, full_scale: 1}}\nrun: {until: 1 s, every: 1 ms}\n"
+CAUGHT = """
+title: Caught
+machine: ideal
+parameters: {edge: 0.5}
+analog:
+  x: {integrate: {v: 1}, initial: 0, full_scale: 1}
+  v: {integrate: {push: 1}, initial: 0.2, full_scale: 1}
+  line: {constant: edge, full_scale: 1}
+  beyond: {compare: {x: 1, line: -1}, low: 0, high: 1, full_scale: 1}
+interface:
+  x_sample: {adc: x, bits: 14}
+  v_sample: {adc: v, bits: 14, task: keeper}
+  idle: {adc: v, bits: 14}
+  push: {dac: thrust, bits: 14, full_scale: 1, initial: 0, transfer: watch}
+  lamp: {dac: lit, bits: 8, full_scale: 1, initial: 0}
+digital:
+  tasks:
+    catch:
+      when: beyond rises
+      compute_time: 0.2 ms
+      program: {thrust: -2*x_sample*count, lit: 1 - previous(lit), count: previous(count) + 1}
+    watch:
+      period: 10 ms
+      phase: 1 ms
+      compute_time: 1 ms
+      program: {seen: count + x_sample, speed: v_sample*0.5}
+    keeper:
+      period: 20 ms
+      jitter: 50 us
+      compute_time: 2 ms
+      word: float32
+      program: {kept: seen + speed + count, further: kept*2 + x_sample}
+  remember: {count: 0, lit: 0}
+run: {until: 4 s, every: 10 ms}
+"""
+
+
+def _many_words(count):
+    """Three tasks of many words with long names, each of which reads some of the others'."""
+    tasks, names_of = [], ("guidance", "attitude_and_rate", "display_of_everything")
+    for place, task in enumerate(names_of):
+        other = names_of[place - 1]
+        lines = [f"        {task}_word_{i}: {0.5 + i} * sample + {i}" for i in range(count)]
+        lines += [
+            f"        {task}_taken_{i}: {task}_word_{i} + {other}_word_{3 * i}"
+            for i in range(count // 5)
+        ]
+        period = f"      period: {2 + place} ms\n      compute_time: 0.1 ms\n      program:\n"
+        tasks.append(f"    {task}:\n{period}" + "\n".join(lines))
+    return (
+        "title: Many words\nanalog:\n  x: {integrate: {out: 1}, initial: 0, full_scale: 1}\n"
+        "interface:\n  sample: {adc: x}\n"
+        "  out: {dac: guidance_word_0, full_scale: 1, initial: 0}\n"
+        "digital:\n  tasks:\n" + "\n".join(tasks) + "\nrun: {until: 1 s}\n"
+    )
+
+
 TEXTS = {
     **{name: path.read_text(encoding="utf-8") for name, path in shipped_patches().items()},
     "van der pol": VAN_DER_POL,
     "lone": LONE,
+    "caught": CAUGHT,
+    "many words": _many_words(60),
     **{f"large {n}, {seed}": large_patch(n, seed) for n, seed in ((60, 1), (60, 2), (25, 3))},
 }
 
@@ -62,6 +123,22 @@ def _pieces(plan):
         for (ax, ay), (bx, by) in itertools.pairwise(route.points):
             box = (min(ax, bx), min(ay, by), max(ax, bx), max(ay, by))
             yield route.cord, box
+
+
+def _cords_to_programs(patch):
+    """What a program takes: all that is sampled; a task what it reads and what starts it."""
+    program = patch.program
+    if program is None or not program.tasks:
+        return [f"{adc.name}>{PROGRAM}" for adc in patch.adcs]
+    due = []
+    for task, single in zip(program.tasks, program.programs, strict=True):
+        read = frozenset().union(*(names(expr) for e in single.written for expr in e.reads))
+        others = set(program.words) - set(single.words)
+        taken = read & (others | {adc.name for adc in patch.adcs})
+        taken |= {adc.name for adc in patch.adcs if adc.name == "idle" and task.name == "watch"}
+        due += [f"{name}>{box_name(task)}" for name in taken]
+        due += [f"{task.when[0]}>{box_name(task)}"] if task.when else []
+    return due
 
 
 class TestWhatIsDrawn:
@@ -101,7 +178,7 @@ class TestWhatIsDrawn:
             reads += {component.initial_signal, *component.controls} & set(patch.signals)
             due.update(f"{source}>{component.name}" for source in reads)
         due.update(f"{adc.source}>{adc.name}" for adc in patch.adcs)
-        due.update(f"{adc.name}>{PROGRAM}" for adc in patch.adcs)
+        due.update(_cords_to_programs(patch))
         due.update(f"{dac.word}>{dac.name}" for dac in patch.dacs)
         assert Counter(e.get("data-cord") for e in root.iter() if e.get("data-cord")) == due
 
@@ -140,7 +217,111 @@ def _texts(svg):
     return ["".join(e.itertext()) for e in ET.fromstring(svg).iter(f"{SVG}text")]
 
 
+class TestTasks:
+    def test_a_box_for_each_with_its_clock_or_what_starts_it(self):
+        texts = _texts(draw(parse_patch(CAUGHT), {"edge": 0.25}))
+        assert {"catch", "watch", "keeper"} <= set(texts) and "DIGITAL PROGRAM" not in texts
+        assert "when beyond rises,  compute 200 µs" in texts
+        assert "every 10 ms,  phase 1 ms,  compute 1 ms" in texts
+        assert "every 20 ms,  jitter 50 µs,  compute 2 ms,  float32" in texts
+
+    def test_who_samples_and_who_sends(self):
+        """An ADC goes to who names it, to the first that has a clock, or to the first of all; a DAC to
+        its word's task or the one it waits for."""
+        sheet = Sheet(patch := parse_patch(CAUGHT), patch.bind())
+        told = {name: sheet.parts[name].below[-1] for name in ("x_sample", "v_sample", "idle")}
+        assert told == {
+            "x_sample": "sampled by watch",
+            "v_sample": "sampled by keeper",
+            "idle": "sampled by watch",
+        }
+        assert [sheet.parts[n].below[-1] for n in ("push", "lamp")] == [
+            "sent by watch",
+            "sent by catch",
+        ]
+
+    def test_what_starts_a_task_comes_in_at_its_head(self, drawn):
+        sheet, plan, _ = drawn
+        starts = {
+            box_name(task): task.when[0]
+            for task in (sheet.patch.program.tasks if sheet.patch.program else ())
+            if task.when
+        }
+        found = {}
+        for route in plan.routes:
+            if route.cord.target in sheet.programs and route.points[-1][1] == (
+                plan.places[route.cord.target][1] + 15
+            ):
+                found[route.cord.target] = route.cord.port
+        assert found == starts
+
+    def test_each_in_is_named_after_what_comes_to_it(self, drawn):
+        sheet, plan, root = drawn
+        written = {(round(x, 1), round(y, 1)): text for text, x, y, *_ in _written(root)}
+        left = _moved(root.find(f"{SVG}g"))[0]
+        for route in plan.routes:
+            box = sheet.programs.get(route.cord.target)
+            if box is None or not box.labels_width or (box.started and route.place == 0):
+                continue
+            x, y = plan.places[route.cord.target]
+            at = x + left + 12, y + 78 + box.box.ins[route.place] + 0.36 * 9
+            assert written[round(at[0], 1), round(at[1], 1)] == route.cord.port
+
+
+def _moved(element):
+    found = re.fullmatch(r"translate\((\S+) (\S+)\)", element.get("transform", ""))
+    return (float(found[1]), float(found[2])) if found else (0.0, 0.0)
+
+
+def _written(root):
+    """Every line of text: itself, the x and y it is at, its left, top, right and bottom."""
+
+    def walk(element, x, y):
+        dx, dy = _moved(element)
+        x, y = x + dx, y + dy
+        if element.tag == f"{SVG}text":
+            yield from lines(element, x, y)
+        for child in element:
+            yield from walk(child, x, y)
+
+    def lines(element, x, y):
+        size, at = float(element.get("font-size")), float(element.get("x"))
+        bold, base = element.get("font-weight") == "bold", float(element.get("y"))
+        pieces = [[(element.text or "", size, bold)]]
+        for span in element.findall(f"{SVG}tspan"):
+            if span.get("x"):  # a new line
+                pieces.append([])
+            its = float(span.get("font-size", size)), span.get("font-weight") == "bold" or bold
+            pieces[-1].append((span.text, *its))
+        for place, line in enumerate(filter(any, [[p for p in its if p[0]] for its in pieces])):
+            width = sum(text_width(*piece) for piece in line)
+            left = x + at - width * {"middle": 0.5, "end": 1.0}.get(element.get("text-anchor"), 0.0)
+            lower = y + base + 12.0 * place
+            # Letters without tails and accents, whose rows may touch.
+            box = left, lower - 0.72 * size, left + width, lower
+            yield ("".join(piece[0] for piece in line), x + at, y + base, *box)
+
+    yield from walk(root, 0.0, 0.0)
+
+
 class TestRoom:
+    def test_no_two_texts_lie_upon_each_other(self, drawn):
+        *_, root = drawn
+        found = list(_written(root))
+        for one, other in itertools.combinations(found, 2):
+            assert not _meet(one[3:], other[3:], 0.01), f"{one[0]} lies upon {other[0]}"
+
+    def test_what_a_program_says_stays_within_its_box(self, drawn):
+        sheet, plan, root = drawn
+        left = _moved(root.find(f"{SVG}g"))[0]
+        for name, program in sheet.programs.items():
+            x, y = plan.places[name][0] + left, plan.places[name][1] + 78
+            within = (x, y, x + program.box.width, y + program.box.height)
+            texts = [text for text in _written(root) if _meet(text[3:], within)]
+            assert len(texts) >= 2 + len(program.rows)
+            for text in texts:
+                assert text[3] > within[0] and text[5] < within[2] and text[6] < within[3], text
+
     def test_nothing_lies_over_anything_else(self, drawn):
         sheet, plan, _ = drawn
         for one, other in itertools.combinations(list(sheet.outlines(plan)), 2):

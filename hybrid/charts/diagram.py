@@ -8,18 +8,18 @@ written. The same patch gives the same bytes, in whatever order its entries stan
 from __future__ import annotations
 
 import itertools
-from collections.abc import Collection, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 
 from hybrid.charts import style
 from hybrid.charts.layered import Box, Cord, Net, Plan, Point, Route, lay_out
+from hybrid.charts.programs import ProgramBox, adcs_served, drawn, program_boxes, sender_of
 from hybrid.charts.style import number, unit_text
 from hybrid.charts.symbols import (
     FONT,
     OTHER,
     SYMBOLS,
-    TINT,
     Field,
     line,
     printable,
@@ -28,10 +28,10 @@ from hybrid.charts.symbols import (
     words,
 )
 from hybrid.components import CATALOG
-from hybrid.errors import RunError, counted
-from hybrid.expressions import Name, Number, to_text
+from hybrid.errors import RunError
+from hybrid.expressions import to_text
 from hybrid.modes import LOGIC
-from hybrid.patch import Adc, Assignment, Component, Dac, Patch, State, Value
+from hybrid.patch import Adc, Component, Dac, Patch, Value
 from hybrid.storage import write_whole
 
 NAME_SIZE, SMALL_SIZE, PILL_SIZE = 11.0, 9.0, 9.0
@@ -41,10 +41,6 @@ PILL_HEIGHT = 16.0
 EDGE = 30.0  # of the paper
 HEAD = 78.0  # title and provenance
 FOOT = 46.0
-PROGRAM = "digital program"  # no signal can have a blank in its name
-ROW = 17.0
-MOST_WORDS = 40  # of a program; those that drive a DAC are always shown
-LONGEST_EXPRESSION = 44
 
 # What the heading counts, by its customary name.
 COUNTED_FIRST = ("integrator", "summer", "inverter", "potentiometer", "multiplier")
@@ -123,18 +119,21 @@ class Sheet:
     parts: dict[str, Part] = field(default_factory=dict)
     cords: list[Cord] = field(default_factory=list)
     pills: dict[Cord, Pill] = field(default_factory=dict)
-    rows: list[tuple[str, str, str]] = field(default_factory=list)  # word, shown, whole expression
+    programs: dict[str, ProgramBox] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
         self.shown = {part.name: (part.unit, part.factor) for part in self.patch.analog_parts}
+        boxes = program_boxes(self.patch, self.scope)
+        self.computed_by = {row.word: each.box.name for each in boxes for row in each.rows}
+        self.sampled_by = adcs_served(self.patch, self.scope)
         for component in self.patch.components:
             self._add_component(component)
         for adc in self.patch.adcs:
             self._add_adc(adc)
         for dac in self.patch.dacs:
             self._add_dac(dac)
-        if self.patch.program:
-            self._add_program()
+        for program in boxes:
+            self._add_program(program)
 
     @property
     def boxes(self) -> list[Box]:
@@ -182,12 +181,15 @@ class Sheet:
     def _add_adc(self, adc: Adc) -> None:
         cords = [Cord(adc.source, adc.source, adc.name, 0)]
         bits = f"{adc.bits} bit" if adc.bits else ""
-        below = tuple(filter(None, (bits,)))
+        task = self.sampled_by.get(adc.name)
+        below = tuple(filter(None, (bits, f"sampled by {task}" if task else "")))
         self._add(adc.name, "adc", cords, {}, below=below, tip=f"{adc.name}: A-D converter")
 
     def _add_dac(self, dac: Dac) -> None:
-        cords = [Cord(PROGRAM, dac.word, dac.name, 0)]
-        below = (self._scale(dac), *((f"{dac.bits} bit",) if dac.bits else ()))
+        cords = [Cord(self.computed_by[dac.word], dac.word, dac.name, 0)]
+        task = sender_of(dac, self.patch.program)
+        told = (f"{dac.bits} bit" if dac.bits else "", f"sent by {task}" if task else "")
+        below = (self._scale(dac), *filter(None, told))
         tip = f"{dac.name}: D-A converter"
         self._add(dac.name, "dac", cords, {}, below=below, cut=CUT_HELD, tip=tip)
 
@@ -250,52 +252,11 @@ class Sheet:
         self.cords += cords
         self.pills |= pills
 
-    def _add_program(self) -> None:
-        program = self.patch.program
-        assert program is not None
-        driving = {dac.word for dac in self.patch.dacs}
-        telling = sorted(program.written, key=lambda entry: _weight(entry, driving))  # keeps order
-        telling = telling[: max(MOST_WORDS, len(driving))]
-        # Hidden words are left out, but for those that a cord begins at.
-        kept = {a.word for a in telling if not a.hidden or a.word in driving}
-        for assignment in program.written:
-            if assignment.word in kept:
-                whole = to_text(assignment.expr)
-                if isinstance(assignment, State):
-                    whole = f"∫ {whole}" if isinstance(assignment.expr, Name) else f"∫ ({whole})"
-                cut = whole.replace("**", "^").replace("*", "·").replace("-", "−")
-                if len(cut) > LONGEST_EXPRESSION:
-                    cut = cut[: LONGEST_EXPRESSION - 1] + "…"
-                self.rows.append((assignment.word, cut, whole))
-        left_out = len(program.words) - len(kept)
-        below = (f"and {counted(left_out, 'more word')}",) if left_out else ()
-        widths = [
-            text_width(word, NAME_SIZE, bold=True) + text_width(f" = {shown_}", 10.0)
-            for word, shown_, _ in self.rows
-        ]
-        compute = program.compute_time
-        told = "started by comparators"
-        if program.period:
-            told = f"T = {style.duration(program.period.number(self.scope))}"
-        if compute is not None:
-            told += f",  compute {style.duration(compute.number(self.scope))}"
-        widths += [text_width(told, SMALL_SIZE), text_width("DIGITAL PROGRAM", 10.0, bold=True)]
-        width = float(round(max(widths) + 44))
-        head = 44.0
-        sampled = [Cord(adc.name, adc.name, PROGRAM, i) for i, adc in enumerate(self.patch.adcs)]
-        rows = max(len(self.rows) + len(below), len(sampled))
-        height = head + ROW * rows + 10
-        outs = {
-            word: head + ROW * (place + 0.5)
-            for place, (word, _, _) in enumerate(self.rows)
-            if word in driving
-        }
-        outs = {word: float(round(y)) for word, y in outs.items()}
-        ins = tuple(float(round(head + ROW * (place + 0.5))) for place in range(len(sampled)))
-        box = Box(PROGRAM, width, height, ins, outs, True, CUT_OTHER)
-        at = (0.0, 0.0, width, height)
-        self.parts[PROGRAM] = Part(box, "program", at, (), below, told)
-        self.cords += sampled
+    def _add_program(self, program: ProgramBox) -> None:
+        box = program.box
+        self.programs[box.name] = program
+        self.parts[box.name] = Part(box, "program", (0.0, 0.0, box.width, box.height), ())
+        self.cords += program.cords
 
     # -- their figures
 
@@ -441,7 +402,16 @@ class Sheet:
         for route in plan.routes:
             if route.cord in self.pills:
                 inner.append(self._pill(route, plan, colors[route.cord.net]))
-        inner += [self._part(part, plan.places[name]) for name, part in sorted(self.parts.items())]
+        came: dict[str, dict[int, str]] = {name: {} for name in self.programs}
+        for route in plan.routes:
+            came.get(route.cord.target, {})[route.place] = route.cord.port
+        for name, part in sorted(self.parts.items()):
+            at = plan.places[name]
+            if name in self.programs:
+                box = drawn(self.programs[name], came[name])
+                inner.append(tag("g", box, transform=f"translate({at[0]:g} {at[1]:g})"))
+            else:
+                inner.append(self._part(part, at))
         body.append(tag("g", "\n".join(inner), transform=f"translate({left:g} {HEAD:g})"))
         return (
             tag(
@@ -522,8 +492,6 @@ class Sheet:
         return tag("g", _title(pill.tip) + outline + text)
 
     def _part(self, part: Part, at: Point) -> str:
-        if part.key == "program":
-            return self._program(part, at)
         left, top, width, height = part.symbol
         symbol = SYMBOLS.get(part.key, OTHER)
         ins = tuple(y - top for y in part.box.ins)
@@ -556,56 +524,6 @@ class Sheet:
             inner.append(line((x, top), (x, top - 5), stroke_width=1.0, stroke=style.MUTED))
             inner.append(words(middle, LINE / 2, part.above, SMALL_SIZE, color=style.PENS[1]))
         return tag("g", "".join(inner), transform=f"translate({at[0]:g} {at[1]:g})")
-
-    def _program(self, part: Part, at: Point) -> str:
-        _, _, width, height = part.symbol
-        inner = [
-            tag(
-                "rect",
-                x=0,
-                y=0,
-                width=width,
-                height=height,
-                rx=3,
-                fill=TINT,
-                stroke=style.INK,
-                stroke_width=1.6,
-            ),
-            words(22, 15, "DIGITAL PROGRAM", 10, anchor="start", bold=True, color=style.PENS[3]),
-            words(22, 30, part.above, SMALL_SIZE, anchor="start", color=style.MUTED),
-            line((0, 40), (width, 40), stroke=style.FRAME, stroke_width=1.0),
-        ]
-        y = 44 + ROW / 2
-        for word, shown, whole in self.rows:
-            text = tag("tspan", word, font_weight="bold", data_signal=word)
-            text += tag("tspan", _escaped(f" = {shown}"), font_size=10)
-            inner.append(
-                tag(
-                    "text",
-                    _title(f"{word} = {whole}") + text,
-                    x=22,
-                    y=y + 4,
-                    font_size=NAME_SIZE,
-                    fill=style.INK,
-                )
-            )
-            y += ROW
-        for text in part.below:
-            inner.append(words(22, y, text, SMALL_SIZE, anchor="start", color=style.MUTED))
-        for y in part.box.ins:
-            inner.append(line((2, y - 4), (8, y), (2, y + 4), stroke_width=1.2))
-        for y in part.box.outs.values():
-            inner.append(line((width - 8, y - 4), (width - 2, y), (width - 8, y + 4)))
-        return tag("g", "".join(inner), transform=f"translate({at[0]:g} {at[1]:g})")
-
-
-def _weight(entry: Assignment | State, driving: Collection[str]) -> int:
-    """How little a word tells: least those of a model's file, then copies and numbers."""
-    if entry.word in driving:
-        return 0
-    if isinstance(entry, State):
-        return 1
-    return 4 if entry.hidden else 3 if isinstance(entry.expr, Name | Number) else 2
 
 
 def _corners(points: Sequence[Point]) -> list[Point]:

@@ -53,6 +53,7 @@ class Box:
     outs: Mapping[str, float] = field(default_factory=dict)
     any_order: bool = False  # its cords may be exchanged among its ins
     cut: float = 1.0  # what it costs to turn one of its outgoing cords back
+    fixed_ins: int = 0  # so many, the first, keep their cords all the same
 
 
 @dataclass(frozen=True)
@@ -399,7 +400,8 @@ class _Layering:
         for item in self.items[column]:
             if item.box is None or not item.box.any_order:
                 continue
-            cords = [c for c in self.cords if c.target == item.box.name]
+            fixed = item.box.fixed_ins
+            cords = [c for c in self.cords if c.target == item.box.name and c.place >= fixed]
             if len(cords) < 2:
                 continue
             came = {}
@@ -409,7 +411,7 @@ class _Layering:
                 others = [e.y for e in ends if e is not mine and e.item is not mine.item]
                 came[cord] = sum(others) / len(others) if others else mine.y
             ordered = sorted(cords, key=lambda c: (round(came[c], 6), c.source, c.port, c.place))
-            for cord, offset in zip(ordered, sorted(item.box.ins), strict=True):
+            for cord, offset in zip(ordered, sorted(item.box.ins[fixed:]), strict=True):
                 self.end[cord].offset = offset
 
     def _exchange_neighbours(self, column: int, best: float) -> float:
