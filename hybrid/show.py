@@ -115,7 +115,8 @@ def _show_tasks(console: Console, rows: Sequence[TaskRow]) -> None:
     """How several tasks shared the processor; one program is its own measure."""
     if len(rows) > 1 or any(row.period_s is None for row in rows):
         headings, cells = columns(rows)
-        title = f"Tasks, {100 * total_utilisation(rows):.4g} % of the processor's time"
+        total = 100 * total_utilisation(rows)
+        title = f"Tasks, {total:.4g} % of the processor's time; rank 1 goes first"
         show_table(console, title, headings, cells, texts=1)
 
 

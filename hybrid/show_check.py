@@ -8,7 +8,7 @@ from rich.markup import escape
 from hybrid.checks import Check
 from hybrid.loops import loops_text
 from hybrid.show import figure, show_table, speed_text
-from hybrid.workload import columns, operations_text, total_utilisation
+from hybrid.workload import columns, total_utilisation, work_text
 
 
 def show_check(console: Console, check: Check) -> None:
@@ -54,9 +54,10 @@ def _show_tasks(console: Console, check: Check) -> None:
     headings, cells = columns(check.tasks)
     total = 100 * total_utilisation(check.tasks)
     title = f"Digital machine, {total:.4g} % of its time"
+    title += "; rank 1 goes first" if len(check.tasks) > 1 else ""
     show_table(console, title, headings, cells, texts=1)
     for row in check.tasks:
-        console.print(f"{escape(row.task)}: {operations_text(row.operations)} a cycle")
+        console.print(f"{escape(row.task)}: {escape(work_text(row))}")
 
 
 def _show_converters(console: Console, check: Check) -> None:

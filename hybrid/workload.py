@@ -11,7 +11,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
-from hybrid.machine import Machine
+from hybrid.machine import Machine, TaskTiming
 from hybrid.rota import TaskReport
 from hybrid.scale import to_seconds
 from hybrid.tasks import program_operations
@@ -35,6 +35,9 @@ class TaskRow:
     cycles: int  # that ended
     overruns: int  # that were due while the one before had not ended
     worst_response_s: float | None  # from when a cycle is due to its results; None: none ended
+    when: str | None = None  # what starts it in place of a clock: 'beyond rises'
+    samples: tuple[str, ...] = ()  # the ADCs that follow its clock
+    sends: tuple[str, ...] = ()  # the DACs that show their words where it ends
 
 
 def task_rows(
@@ -54,30 +57,32 @@ def task_rows(
         response_s = to_seconds(latency) if cycles else None
         share = timing.compute / timing.period
         report = TaskReport(PROGRAM, cycles, 0, response_s, share)
-        return (_row(machine, 0, report, timing.period, timing.compute, 0),)
+        whole = TaskTiming(PROGRAM, timing.period, 0, timing.compute, 0)
+        return (_row(machine, 0, report, whole),)
     if timeline.later and until is None:  # of a run that is not played
         collections.deque(itertools.islice(timeline.further(), MOST_STRETCHES), maxlen=0)
     return tuple(
-        _row(machine, i, report, task.period, task.compute, task.rank)
+        _row(machine, i, report, task)
         for i, (report, task) in enumerate(
             zip(timeline.reports(machine, until), timing.tasks, strict=True)
         )
     )
 
 
-def _row(
-    machine: Machine, number: int, report: TaskReport, period: int, compute: int, rank: int
-) -> TaskRow:
+def _row(machine: Machine, number: int, report: TaskReport, task: TaskTiming) -> TaskRow:
     return TaskRow(
         report.task,
-        to_seconds(period) if period else None,
-        rank + 1,
+        to_seconds(task.period) if task.period else None,
+        task.rank + 1,
         program_operations(machine.tape, number),
-        to_seconds(compute),
+        to_seconds(task.compute),
         report.utilisation,
         report.cycles,
         report.overruns,
         report.worst_response_s,
+        " ".join(task.when) if task.when else None,
+        tuple(sampler.name for sampler in machine.samplers if sampler.task == number),
+        tuple(holder.name for holder in machine.holders if holder.task == number),
     )
 
 
@@ -85,7 +90,7 @@ def columns(rows: Sequence[TaskRow]) -> tuple[tuple[str, ...], list[tuple[str, .
     """Headings and cells of a table of the tasks, for people."""
     headings = (
         "task",
-        "first",
+        "rank",
         "period s",
         "compute s",
         "of the time",
@@ -109,10 +114,17 @@ def columns(rows: Sequence[TaskRow]) -> tuple[tuple[str, ...], list[tuple[str, .
     return headings, cells
 
 
-def operations_text(operations: dict[str, int]) -> str:
-    """'3 add, 2 multiply': what a cycle is made of."""
-    told = (f"{n} {name.replace('_', ' ')}" for name, n in operations.items() if n)
-    return ", ".join(told)
+def work_text(row: TaskRow) -> str:
+    """What starts a task, what it samples and sends, and what a cycle is made of."""
+    counts = (f"{n} {name.replace('_', ' ')}" for name, n in row.operations.items() if n)
+    operations = ", ".join(counts)
+    told = [
+        f"when {row.when}" if row.when else "",
+        f"samples {', '.join(row.samples)}" if row.samples else "",
+        f"sends {', '.join(row.sends)}" if row.sends else "",
+        f"{operations} a cycle" if operations else "no operations",
+    ]
+    return "; ".join(filter(None, told))
 
 
 def total_utilisation(rows: Sequence[TaskRow]) -> float:

@@ -169,3 +169,48 @@ def test_one_program_is_a_row_too():
     assert (row.task, row.cycles, row.overruns) == ("program", 10, 0)
     assert row.operations == COUNTED
     assert row.worst_response_s == row.compute_s == pytest.approx(121 / 48e6)
+
+
+SHARED = """\
+title: Who serves whom
+machine: ideal
+analog:
+  wave: {sine: 1, frequency: 1 Hz, full_scale: 1}
+  high: {compare: {wave: 1}, low: 0, high: 1, full_scale: 1}
+interface:
+  own: {adc: wave, task: caught}
+  both: {adc: wave}
+  idle: {adc: wave}
+  late: {dac: v, full_scale: 4, initial: 0, transfer: slow}
+  lamp: {dac: c, full_scale: 4, initial: 0}
+digital:
+  tasks:
+    caught: {when: high falls, compute_time: 1 ms, program: {c: own + both}}
+    fast: {period: 10 ms, compute_time: 1 ms, program: {v: 2*both}}
+    slow: {period: 20 ms, compute_time: 1 ms, program: {w: both + own}}
+run: {until: 1 s}
+"""
+
+
+def test_a_check_says_who_samples_what_and_sends_it(tmp_path, capsys):
+    """An ADC follows the task it names, else of those with a clock the first that reads it, else the
+    first of all; a DAC the task of its word or the one it waits for."""
+    file = tmp_path / "shared.yaml"
+    file.write_text(SHARED)
+    assert main(["check", str(file), "--no-trial", "--json"]) == 0
+    rows = {row["task"]: row for row in json.loads(capsys.readouterr().out)["tasks"]}
+    assert {name: (row["samples"], row["sends"], row["when"]) for name, row in rows.items()} == {
+        "caught": (["own"], ["lamp"], "high falls"),
+        "fast": (["both", "idle"], [], None),
+        "slow": ([], ["late"], None),
+    }
+    assert main(["check", str(file), "--no-trial"]) == 0
+    shown = capsys.readouterr().out
+    assert "caught: when high falls; samples own; sends lamp; 1 add, 1 store a cycle" in shown
+    assert "fast: samples both, idle; 1 multiply, 1 store a cycle" in shown
+    assert "rank 1 goes first" in shown
+
+
+def test_the_one_program_samples_and_sends_all(pitch_loop):
+    (row,) = hybrid.check(pitch_loop, trial=False).tasks
+    assert (row.when, row.samples, row.sends) == (None, ("alpha_sample",), ("M_a",))
