@@ -39,9 +39,11 @@ from hybrid.engine.order import computing_order, reach
 # Columns of Circuit.rows: kind; terms FIRST to SECOND make u, SECOND to END make w; the element that
 # controls a switch or store, or whose value is a mode (of INPUT: its place in State.held); rows in laws
 # of the integrator and of the lag; corners of the function and of the saturation; 1 where an element
-# computed earlier reads this one; elements that reset and hold while they are high; row in noisy.
-# -1: none.
-KIND, FIRST, SECOND, END, CONTROL, LAW, LAG, CORNER, STOP, TEAR, RESET, HOLD_BY, NOISE = range(13)
+# computed earlier reads this one; elements that reset and hold while they are high; row in noisy;
+# 1 for a sum, product or integrator without corners. -1: none.
+KIND, FIRST, SECOND, END, CONTROL, LAW, LAG, CORNER, STOP, TEAR, RESET, HOLD_BY, NOISE, PLAIN = range(
+    14
+)
 # Columns of Circuit.figures; the last three depend on the kind.
 CONSTANT, SECOND_CONSTANT, GAIN, OFFSET = 0, 1, 2, 3
 AMPLITUDE, OMEGA, PHASE = 4, 5, 6  # of SINE
@@ -83,7 +85,7 @@ class Circuit(NamedTuple):
     [cores, n) drive nothing that is in a loop.
     """
 
-    rows: Ints  # (n, 13): see the columns above
+    rows: Ints  # (n, 14): see the columns above
     figures: Floats  # (n, 7): see the columns above
     signal: npt.NDArray[np.uint64]  # (terms,); unsigned: a sign would be looked at each time
     gain: Floats  # (terms,)
@@ -324,7 +326,7 @@ def _frame(
     noisy = [i for i, s in enumerate(shapes) if s[_NOISE] > 0.0]
     noise_rates = sorted({1.0 / shapes[i][_LAG_S] for i in noisy})
     noisy_rows = [(i, noise_rates.index(1.0 / shapes[i][_LAG_S])) for i in noisy]
-    rows, reads = np.full((len(order), 13), -1), [_reads(s) for s in shapes]
+    rows, reads = np.full((len(order), 14), -1), [_reads(s) for s in shapes]
     for i, (name, s) in enumerate(zip(order, shapes, strict=True)):
         rows[i, KIND], rows[i, CONTROL] = s[_KIND], _control(name, s, inputs, place)
         rows[i, RESET] = -1 if s[_RESET] is None else place[s[_RESET]]
@@ -338,6 +340,7 @@ def _frame(
             rows[i, LAG] = laws.setdefault((1.0 / s[_LAG_S], 1.0 / s[_LAG_S]), len(laws))
         rows[i, TEAR] = any(name in other for other in reads[: i + 1])
         rows[i, NOISE] = noisy.index(i) if s[_NOISE] > 0.0 else -1
+        rows[i, PLAIN] = s[_KIND] in (SUM, PRODUCT, INTEGRATE) and not s[_CORNERS]
     sums = [terms for s in shapes for terms in (s[_FIRST], s[_SECOND])]
     ends = np.cumsum([0] + [len(terms) for terms in sums])
     rows[:, FIRST], rows[:, SECOND], rows[:, END] = ends[:-1:2], ends[1::2], ends[2::2]

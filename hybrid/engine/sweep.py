@@ -50,6 +50,7 @@ from hybrid.engine.circuit import (
     OFFSET,
     OMEGA,
     PHASE,
+    PLAIN,
     SECOND,
     SECOND_CONSTANT,
     STOP,
@@ -219,104 +220,150 @@ def sweep(
 
     Changes of signals beyond full scale count in relation to the signal.
     """
-    # Plain names, and no calls with arrays: both would count references.
     rows, figures, signal, gain = circuit.rows, circuit.figures, circuit.signal, circuit.gain
-    corners, pieces, marks = circuit.corners, circuit.pieces, grid.points
-    held, start, nodes, memory = state.held, state.start, state.nodes, state.memory
-    piece, guard, scratch = state.piece, state.guard, state.row
+    start, nodes, memory, scratch = state.start, state.nodes, state.memory, state.row
     weights, decay, fresh = shelf.weights, shelf.decay, state.fresh
-    q, laws = len(grid.marks), slot * decay.shape[1]
+    laws, end = slot * decay.shape[1], np.uint64(len(grid.marks) - 1)
     change = 0.0
-    for e in range(first, last):
-        kind, corner, stop, lag = rows[e, KIND], rows[e, CORNER], rows[e, STOP], rows[e, LAG]
-        terms, middle, end = rows[e, FIRST], rows[e, SECOND], rows[e, END]
-        p = corners[corner, FIRST_PIECE] + piece[corner] if corner >= 0 else 0
-        constant, mode = figures[e, CONSTANT], memory[e, AS]
-        factor, offset = figures[e, GAIN], figures[e, OFFSET]
-        stores = kind == TRACK and not is_high(rows, piece, memory, rows[e, CONTROL])
-        if stores:  # what it keeps has been through these
-            factor, offset = 1.0, 0.0
-        if mode == HOLD:
-            middle = terms
-        elif mode == IC:
-            terms, middle, constant = middle, end, figures[e, SECOND_CONSTANT]
-        gather(scratch, 0, constant, gain, nodes, signal, terms, middle)
-        if kind == PIECES:
-            for i in range(LANES):
-                guard[corner, i] = scratch[0, i]
-                scratch[0, i] = piece_of(pieces, p, scratch[0, i])
-        elif kind != SUM and kind != INTEGRATE:
-            gather(scratch, 1, figures[e, SECOND_CONSTANT], gain, nodes, signal, middle, end)
-            if kind == PRODUCT:
+    for row in range(first, last):
+        e = np.uint64(row)  # a sign would be looked at each time
+        if rows[e, PLAIN] == 1 and memory[e, AS] == OP:
+            terms, middle = rows[e, FIRST], rows[e, SECOND]
+            gather(scratch, 0, figures[e, CONSTANT], gain, nodes, signal, terms, middle)
+            if rows[e, KIND] == PRODUCT:
+                constant, last_term = figures[e, SECOND_CONSTANT], rows[e, END]
+                gather(scratch, 1, constant, gain, nodes, signal, middle, last_term)
                 multiply(scratch, 0, scratch, 1)
-            elif kind == SWITCH:
-                if not is_high(rows, piece, memory, rows[e, CONTROL]):
-                    copy(scratch, 0, scratch, 1)
-            elif kind == TRACK:
-                if stores:
-                    fill(scratch, 0, memory[e, BEFORE])
-            elif kind == MODE:
-                fill(scratch, 0, memory[e, BEFORE])
-            elif kind == INPUT:
-                fill(scratch, 0, held[rows[e, CONTROL]])
-            elif kind == SINE:
-                rate, phase = figures[e, OMEGA], figures[e, OMEGA] * t_s + figures[e, PHASE]
-                for i in range(LANES):
-                    angle = rate * length_s * marks[min(i + 1, q)] + phase
-                    scratch[0, i] = figures[e, AMPLITUDE] * math.sin(angle)
-            else:
-                for i in range(LANES):
-                    x, y = scratch[0, i], scratch[1, i]
-                    scratch[0, i] = function_of(kind, x, y, figures[e, EXPONENT])
-        kept = mode == HOLD and figures[e, KEEPS] != 0.0
-        if kept:
-            fill(scratch, 0, memory[e, X])
-        if kept or (kind == INTEGRATE and mode == IC):
-            if corner >= 0:
-                copy(guard, corner, scratch, 0)
-                if piece[corner] != 1:
-                    scale(guard, corner, 1.0, -pieces[p, C0])
-                    fill(scratch, 0, pieces[p, C0])
-            memory[e, X_END] = scratch[0, q - 1]
-        elif kind == INTEGRATE:
-            memory[e, DRIVE_END] = scratch[0, q - 1]
-            if corner >= 0 and piece[corner] != 1:
-                limit = pieces[p, C0]
-                copy(guard, corner, scratch, 0)
-                scale(guard, corner, 1.0, figures[e, FEEDBACK] * limit)
-                fill(scratch, 0, limit)
-            else:
-                law = laws + rows[e, LAW]
-                by = law * (1 + LANES)
-                x, drive = memory[e, X], memory[e, DRIVE]
-                combine(scratch, 0, decay, law, x, weights, by, drive, scratch, 0)
-                if corner >= 0:
-                    copy(guard, corner, scratch, 0)
-            memory[e, X_END] = scratch[0, q - 1]
-        if factor != 1.0 or offset != 0.0:
-            scale(scratch, 0, factor, offset)
-        if stop >= 0:
-            p = corners[stop, FIRST_PIECE] + piece[stop]
-            for i in range(LANES):
-                guard[stop, i] = scratch[0, i]
-                scratch[0, i] = piece_of(pieces, p, scratch[0, i])
-        memory[e, BEFORE_END] = scratch[0, q - 1]
-        tear, noisy = rows[e, TEAR] != 0, rows[e, NOISE]
-        if tear:
-            copy(scratch, 1, nodes, e)
+            elif rows[e, KIND] == INTEGRATE:
+                integrate(rows, memory, weights, decay, scratch, laws, row, end)
+            if figures[e, GAIN] != 1.0 or figures[e, OFFSET] != 0.0:
+                scale(scratch, 0, figures[e, GAIN], figures[e, OFFSET])
+        else:
+            special(circuit, state, shelf, grid, laws, row, t_s, length_s)
+        memory[e, BEFORE_END] = scratch[0, end]
+        if rows[e, TEAR] != 0:
+            copy(scratch, 1, nodes, row)
+        lag = rows[e, LAG]
         if lag >= 0:
             law = laws + lag
             by = law * (1 + LANES)
-            combine(nodes, e, decay, law, start[e], weights, by, memory[e, BEFORE], scratch, 0)
+            combine(nodes, row, decay, law, start[e], weights, by, memory[e, BEFORE], scratch, 0)
         else:
-            copy(nodes, e, scratch, 0)
-        if noisy >= 0:
-            add_scaled(nodes, e, 1.0, fresh, noisy)
-        if tear:
-            moved, size = farthest(nodes, e, scratch, 1), max(1.0, abs(nodes[e, q - 1]))
+            copy(nodes, row, scratch, 0)
+        if rows[e, NOISE] >= 0:
+            add_scaled(nodes, row, 1.0, fresh, rows[e, NOISE])
+        if rows[e, TEAR] != 0:
+            moved, size = farthest(nodes, row, scratch, 1), max(1.0, abs(nodes[e, end]))
             if not moved <= change * size:  # also where it is no number
                 change = moved / size
     return change
+
+
+@inlined
+def integrate(
+    rows: Ints,
+    memory: Floats,
+    weights: Floats,
+    decay: Floats,
+    scratch: Floats,
+    laws: int,
+    row: int,
+    end: int,
+) -> None:
+    """What is in scratch row 0, integrated."""
+    e = np.uint64(row)
+    memory[e, DRIVE_END] = scratch[0, end]
+    law = laws + rows[e, LAW]
+    by = law * (1 + LANES)
+    combine(scratch, 0, decay, law, memory[e, X], weights, by, memory[e, DRIVE], scratch, 0)
+    memory[e, X_END] = scratch[0, end]
+
+
+@inlined
+def special(
+    circuit: Circuit,
+    state: State,
+    shelf: Shelf,
+    grid: Nodes,
+    laws: int,
+    e: int,
+    t_s: float,
+    length_s: float,
+) -> None:
+    """Any element up to its lag, into scratch row 0; `laws`: first row of the operators."""
+    rows, figures, signal, gain = circuit.rows, circuit.figures, circuit.signal, circuit.gain
+    corners, pieces, marks = circuit.corners, circuit.pieces, grid.points
+    held, nodes, memory = state.held, state.nodes, state.memory
+    piece, guard, scratch, q = state.piece, state.guard, state.row, len(grid.marks)
+    kind, corner, stop = rows[e, KIND], rows[e, CORNER], rows[e, STOP]
+    terms, middle, end = rows[e, FIRST], rows[e, SECOND], rows[e, END]
+    p = corners[corner, FIRST_PIECE] + piece[corner] if corner >= 0 else 0
+    constant, mode = figures[e, CONSTANT], memory[e, AS]
+    factor, offset = figures[e, GAIN], figures[e, OFFSET]
+    stores = kind == TRACK and not is_high(rows, piece, memory, rows[e, CONTROL])
+    if stores:  # what it keeps has been through these
+        factor, offset = 1.0, 0.0
+    if mode == HOLD:
+        middle = terms
+    elif mode == IC:
+        terms, middle, constant = middle, end, figures[e, SECOND_CONSTANT]
+    gather(scratch, 0, constant, gain, nodes, signal, terms, middle)
+    if kind == PIECES:
+        for i in range(LANES):
+            guard[corner, i] = scratch[0, i]
+            scratch[0, i] = piece_of(pieces, p, scratch[0, i])
+    elif kind != SUM and kind != INTEGRATE:
+        gather(scratch, 1, figures[e, SECOND_CONSTANT], gain, nodes, signal, middle, end)
+        if kind == PRODUCT:
+            multiply(scratch, 0, scratch, 1)
+        elif kind == SWITCH:
+            if not is_high(rows, piece, memory, rows[e, CONTROL]):
+                copy(scratch, 0, scratch, 1)
+        elif kind == TRACK:
+            if stores:
+                fill(scratch, 0, memory[e, BEFORE])
+        elif kind == MODE:
+            fill(scratch, 0, memory[e, BEFORE])
+        elif kind == INPUT:
+            fill(scratch, 0, held[rows[e, CONTROL]])
+        elif kind == SINE:
+            rate, phase = figures[e, OMEGA], figures[e, OMEGA] * t_s + figures[e, PHASE]
+            for i in range(LANES):
+                angle = rate * length_s * marks[min(i + 1, q)] + phase
+                scratch[0, i] = figures[e, AMPLITUDE] * math.sin(angle)
+        else:
+            for i in range(LANES):
+                x, y = scratch[0, i], scratch[1, i]
+                scratch[0, i] = function_of(kind, x, y, figures[e, EXPONENT])
+    kept = mode == HOLD and figures[e, KEEPS] != 0.0
+    if kept:
+        fill(scratch, 0, memory[e, X])
+    if kept or (kind == INTEGRATE and mode == IC):
+        if corner >= 0:
+            copy(guard, corner, scratch, 0)
+            if piece[corner] != 1:
+                scale(guard, corner, 1.0, -pieces[p, C0])
+                fill(scratch, 0, pieces[p, C0])
+        memory[e, X_END] = scratch[0, q - 1]
+    elif kind == INTEGRATE:
+        if corner >= 0 and piece[corner] != 1:
+            memory[e, DRIVE_END] = scratch[0, q - 1]
+            limit = pieces[p, C0]
+            copy(guard, corner, scratch, 0)
+            scale(guard, corner, 1.0, figures[e, FEEDBACK] * limit)
+            fill(scratch, 0, limit)
+            memory[e, X_END] = limit
+        else:
+            integrate(rows, memory, shelf.weights, shelf.decay, scratch, laws, e, q - 1)
+            if corner >= 0:
+                copy(guard, corner, scratch, 0)
+    if factor != 1.0 or offset != 0.0:
+        scale(scratch, 0, factor, offset)
+    if stop >= 0:
+        p = corners[stop, FIRST_PIECE] + piece[stop]
+        for i in range(LANES):
+            guard[stop, i] = scratch[0, i]
+            scratch[0, i] = piece_of(pieces, p, scratch[0, i])
 
 
 @compiled
