@@ -146,6 +146,7 @@ def _run(options: argparse.Namespace, filing: Filing) -> int:
             **span_facts(machine),
             seed=result.seed,
             engine=result.engine,
+            engine_error=result.engine_error,
             cycles=result.cycles,
             operations=result.operations,
             tasks=to_dicts(result.tasks),

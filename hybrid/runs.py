@@ -62,6 +62,7 @@ class Run:
     operations: int = 0  # of the machine, by time, that were played to their end
     readouts: dict[str, dict[str, Any]] = field(default_factory=dict)
     engine: str = "exact"  # which one played it
+    engine_error: float | None = None  # its estimate, of full scale, if it has one
     outside: tuple[dict[str, Any], ...] = ()  # functions of the program asked beyond their range
     played_s: float = 0.0  # how long the engine took, of real time
 
@@ -119,6 +120,7 @@ class Run:
         facts: dict[str, str | int | float] = {
             "seed": self.seed,
             "engine": self.engine,
+            "engine_error": math.nan if self.engine_error is None else self.engine_error,
             "cycles": self.cycles,
             "operations": self.operations,
             "status": self.status,
@@ -215,6 +217,7 @@ def run(
         _overloads(compiled, player.overloads()),
         compiled.operation.done(player.done_ticks) if compiled.operation else 0,
         engine=played_by,
+        engine_error=player.engine_error,
         outside=tuple(found.facts() for found in outside(player)),
         played_s=played_s,
     )

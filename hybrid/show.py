@@ -85,9 +85,11 @@ def show_run(
     if machine.operation:
         operate_s = to_seconds(machine.operation.operate)
         cycles += f"{counted(run.operations, 'operation')} of {operate_s:g} s, "
+    error = run.engine_error
+    about = "" if error is None else f" (error about {error:.1g} of full scale)"
     console.print(f"[bold]{escape(machine.patch.title)}[/]  ({escape(machine.patch.file)})")
     console.print(
-        f"machine {speed_text(machine)}, seed {run.seed}, {run.engine} engine; "
+        f"machine {speed_text(machine)}, seed {run.seed}, {run.engine} engine{about}; "
         f"{cycles}{counted(len(run.rows), 'row')}"
         + (f" ({run.rows_note})" if run.rows_note else "")
     )

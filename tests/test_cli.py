@@ -69,7 +69,16 @@ def answer(capsys: pytest.CaptureFixture[str], *arguments: str, code: int = 0) -
 ABOUT = {"patch", "title", "machine", "serial", "cycle_s", "time_scale", "parameters"}
 ABOUT |= {"parameters_si", "on"}
 RUN = {"seed", "cycles", "operations", "status", "status_note", "readouts", "overloads", "files"}
-RUN |= {"until_s", "every_s", "engine", "outside", "prediction", "prediction_note", "tasks"}
+RUN |= {
+    "until_s",
+    "every_s",
+    "engine",
+    "engine_error",
+    "outside",
+    "prediction",
+    "prediction_note",
+    "tasks",
+}
 MODE = {"omega", "omega_damped", "zeta", "omega_ideal", "zeta_ideal", "closed_form"}
 CLOSED = {"equation", "omega", "omega_damped", "zeta", "note"}
 ERRORS = {"omega_error", "omega_damped_error", "zeta_error"}

@@ -44,6 +44,16 @@ def test_the_three_engines_agree_on_the_pitch_loop():
     assert np.ptp(found["exact"].record["theta"].values) > 1e-3
 
 
+@pytest.mark.parametrize("name", ["harmonic_oscillator", "damped_oscillator"])
+def test_the_engine_tells_what_it_may_err_by(name):
+    """Neither patch magnifies an error by more than the tenth by which the circle grows."""
+    exact, played = hybrid.run(name), hybrid.run(name, engine="nonlinear")
+    assert exact.engine_error is None
+    assert apart(exact, played, "lags") < 1.2 * played.engine_error < RESOLUTION
+    half = hybrid.run(short(name, "5 ms"), engine="nonlinear")
+    assert half.engine_error < played.engine_error
+
+
 @pytest.mark.parametrize("tau", [0.0, 1e-4])
 def test_the_reference_agrees_on_every_linear_kind(tau):
     """Skew, conversion time, memory, a late step, lags that the problem wants; 100 intervals."""

@@ -41,8 +41,8 @@ from hybrid.engine.order import computing_order, reach
 # of the integrator and of the lag; corners of the function and of the saturation; 1 where an element
 # computed earlier reads this one; elements that reset and hold while they are high; row in noisy;
 # 1 for a sum, product or integrator without corners. -1: none.
-KIND, FIRST, SECOND, END, CONTROL, LAW, LAG, CORNER, STOP, TEAR, RESET, HOLD_BY, NOISE, PLAIN = range(
-    14
+KIND, FIRST, SECOND, END, CONTROL, LAW, LAG, CORNER, STOP, TEAR, RESET, HOLD_BY, NOISE, PLAIN = (
+    range(14)
 )
 # Columns of Circuit.figures; the last three depend on the kind.
 CONSTANT, SECOND_CONSTANT, GAIN, OFFSET = 0, 1, 2, 3

@@ -147,6 +147,11 @@ class Player:
         """When an overload put the machine into HOLD; None where none did."""
         return None
 
+    @property
+    def engine_error(self) -> float | None:
+        """What the engine may have erred by, of full scale; None where it rounds alone or cannot say."""
+        return None
+
     def remarks(self) -> tuple[str, ...]:
         """What else is to be said of the run."""
         return ()

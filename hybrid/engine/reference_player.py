@@ -63,6 +63,7 @@ class ReferencePlayer(CircuitPlayer):
     """One run of a machine whose analog side is a circuit, by SciPy."""
 
     plays_noise = False
+    engine_error = None  # SciPy keeps its tolerance in each step and adds nothing up
     reference: Reference
     beyond: _Beyond
 

@@ -8,9 +8,7 @@ as the circuit itself does not magnify errors.
 
 After a jump (start, change of a held input, event) lagged outputs relax as exp(-t / tau). Lags follow
 any polynomial exactly, but what reads them takes their outputs for polynomials: so windows begin short
-and grow, as far as what the last one left of the series says, until the layer has died out. How long
-the first ones may be is learned from one jump to the next, window by window, apart for held inputs and
-for events. The number of windows hardly depends on how short a lag is.
+and grow until that layer has died out (`lengths`). Their number hardly depends on how short a lag is.
 """
 
 from __future__ import annotations
@@ -25,22 +23,20 @@ from hybrid.engine.compiling import compiled
 from hybrid.engine.corners import Log, change_piece, first_exit, leaves, locate, settle
 from hybrid.engine.handover import accept, guess
 from hybrid.engine.kernel import RUNAWAY_MU, Floats, Ints
+from hybrid.engine.lengths import adapt, begin_short, next_length, reject
 from hybrid.engine.nodes import Nodes, Shelf, point_weights
 from hybrid.engine.noise import Noise, bring_up, finest, jump, play_truth, show
 from hybrid.engine.overloads import FULL_SCALE, watch
 from hybrid.engine.sweep import (
     AFTER_EVENT,
     AFTER_INPUT,
-    AGE,
     CALLED,
-    CRUISE,
     EVENTS,
     FIRST_S,
     FIRST_VALUE,
     FROM_S,
     FROZEN,
     IN_A_ROW,
-    JUMPED,
     KNOWN,
     LAST_S,
     LENGTH,
@@ -48,14 +44,10 @@ from hybrid.engine.sweep import (
     NEXT,
     ON_OVERLOAD,
     OVERLOAD_S,
-    REJECTED,
     ROWS,
-    RUNG,
-    RUNGS,
     SINCE_S,
     STARTED,
     TIMES,
-    WAIT,
     WORST_S,
     WORST_VALUE,
     State,
@@ -66,24 +58,10 @@ from hybrid.modes import CONTINUE, STOP_RUN
 # Why `advance` came back. SWITCHED: a comparator that starts a task.
 DONE, RUNAWAY, CHATTER, UNRESOLVED, OVERLOADED, SWITCHED = range(6)
 
-# A layer has died out after this many lags: exp(-36) is 2e-16, a chain of lags takes longer.
-LAYER_LAGS = 45.0
-# A window of so many lags resolves any layer: a polynomial of degree 8 leaves 1e-14 of exp(-t / 4).
-RESOLVED_LAGS = 0.25
-# What a layer leaves of the series is taken to fall with it, yet to no less than this share.
-LEAST_DECAY = 0.2
-# The next window aims at this share of what is allowed, and is at most so much longer or shorter.
-AIM = 0.1
-MOST_GROWTH = 2.0
-# From one jump to the next, a window of which nearly nothing is left may be so much longer.
-MOST_LEARNED = 8.0
-MOST_CUT = 0.1
 # How far from its bound a guard may be at an event, in machine units: below `corners.SLACK_AT_REST`.
 MOST_MISS = 1e-12
 # No window is made shorter.
 SHORTEST_S = 1e-15
-# Windows to wait before trying again a length at which the loops did not agree.
-PATIENCE = 30
 # So many events of one corner within so many of the shortest lag are chatter.
 CHATTER_EVENTS = 64
 CHATTER_LAGS = 4.0
@@ -145,14 +123,14 @@ def advance(
                 hold_for_good(circuit, state, t_s, now, log)
                 if noise is not None:
                     jump(circuit, state, noise, t_s, now)
-        length = _next_length(min(clock[NEXT], circuit.longest_s), duration_s - now)
+        length = next_length(min(clock[NEXT], circuit.longest_s), duration_s - now)
         _prepare_guess(circuit, state, grid, length)
         fits = solve(circuit, state, shelf, grid, t_s + now, length, tolerance)
         tail = _tail(state, grid) if fits else math.inf
         if not tail <= rtol:
             if length * 0.5 < SHORTEST_S:
                 return _lost(state), now
-            _reject(state, taus_s, length, tail / rtol, len(grid.marks))
+            reject(state, taus_s, length, tail / rtol, len(grid.marks))
             continue
         corner, at, over, earlier, by = -1, 1.0, -1, 1.0, 0
         if circuit.corners.shape[0] > 0:
@@ -185,11 +163,11 @@ def advance(
                 return OVERLOADED, now
             hold_for_good(circuit, state, t_s, now, log)
         elif by == 0:
-            _adapt(state, taus_s, length, tail / rtol, len(grid.marks))
+            adapt(state, taus_s, length, tail / rtol, len(grid.marks))
         else:
             change_piece(circuit, state, corner, by, now, log)
             settle(circuit, state, state, t_s, now, log, False, 0.0)
-            _begin_short(state, AFTER_EVENT)
+            begin_short(state, AFTER_EVENT)
             _count_change(circuit, state.changes, corner, t_s + now)
             if _chatters(circuit, state.recent, corner, now):
                 return CHATTER, now
@@ -201,7 +179,7 @@ def advance(
             if over >= 0 or by != 0:
                 jump(circuit, state, noise, t_s, now)
             elif bring_up(circuit, state, noise, t_s, now, log):
-                _begin_short(state, AFTER_EVENT)
+                begin_short(state, AFTER_EVENT)
                 jump(circuit, state, noise, t_s, now)
     if noise is not None and duration_s > 0.0:
         show(circuit, state, noise, t_s, now)
@@ -222,15 +200,8 @@ def _begin(circuit: Circuit, state: State, t_s: float, log: Log) -> bool:
     if state.counts[STARTED] == 0:  # pieces found for the first time are no events
         state.counts[EVENTS] = 0
     state.counts[STARTED] = 1
-    _begin_short(state, AFTER_INPUT)
+    begin_short(state, AFTER_INPUT)
     return True
-
-
-@compiled
-def _begin_short(state: State, jumped: int) -> None:
-    """Something jumped: forget the last window, and begin as after the last jump of this kind."""
-    state.clock[AGE], state.clock[NEXT] = 0.0, state.rungs[jumped, 0]
-    state.counts[KNOWN], state.counts[JUMPED], state.counts[RUNG] = 0, jumped, 0
 
 
 @compiled
@@ -276,79 +247,7 @@ def hold_for_good(circuit: Circuit, state: State, t_s: float, now_s: float, log:
     """Put the machine into HOLD, whatever its modes are meant to be from now on."""
     state.counts[FROZEN], state.counts[ON_OVERLOAD] = 1, CONTINUE
     settle(circuit, state, state, t_s, now_s, log, False, 0.0)
-    _begin_short(state, AFTER_EVENT)
-
-
-@compiled
-def _next_length(length_s: float, remaining_s: float) -> float:
-    """At most this long, of few different lengths, or all that remains."""
-    if length_s >= remaining_s * (1.0 - 1e-9):
-        return remaining_s
-    share, exponent = math.frexp(length_s)
-    return math.ldexp(math.floor(share * 16.0) / 16.0, exponent)
-
-
-@compiled
-def _lasting(age_s: float, taus_s: Floats, length_s: float) -> float:
-    """The shortest lag whose layer lasts and shows in a window of this length; 0: there is none."""
-    for k in range(taus_s.shape[0]):
-        if age_s < LAYER_LAGS * taus_s[k] and length_s > RESOLVED_LAGS * taus_s[k]:
-            return float(taus_s[k])
-    return 0.0
-
-
-@compiled
-def _change_of_length(share: float, q: int, most: float) -> float:
-    """By how much a window may be longer whose last coefficient is this share of what is allowed."""
-    if not share * most ** (q + 1) > AIM:
-        return most
-    return float(max((AIM / share) ** (1.0 / (q + 1)), MOST_CUT))
-
-
-@compiled
-def _reject(state: State, taus_s: Floats, length_s: float, share: float, q: int) -> None:
-    """Note that a window was too long, by what it left; where loops did not agree, by half.
-
-    Then no window may be longer for a while, unless it is a layer that is to blame.
-    """
-    clock, counts = state.clock, state.counts
-    counts[REJECTED] += 1
-    agreed = share < math.inf
-    clock[NEXT] = length_s * (_change_of_length(share, q, 1.0) if agreed else 0.5)
-    if _lasting(clock[AGE], taus_s, length_s) == 0.0:
-        clock[CRUISE] = clock[NEXT]
-        counts[WAIT] = 0 if agreed else PATIENCE
-    if counts[RUNG] < RUNGS:
-        state.rungs[counts[JUMPED], counts[RUNG]] = clock[NEXT]
-
-
-@compiled
-def _adapt(state: State, taus_s: Floats, length_s: float, share: float, q: int) -> None:
-    """Suggest the length of the next window; soon after a jump, what was learned after earlier ones."""
-    clock, counts, rungs = state.clock, state.counts, state.rungs[state.counts[JUMPED]]
-    cut_short = length_s < 0.8 * clock[NEXT]  # by an instant, not by what signals do
-    change = _change_of_length(share, q, MOST_GROWTH)
-    tau = _lasting(clock[AGE], taus_s, length_s)
-    learned = 0.0
-    if not cut_short and counts[RUNG] < RUNGS:
-        rungs[counts[RUNG]] = length_s * max(_change_of_length(share, q, MOST_LEARNED), 1.0)
-        counts[RUNG] += 1
-        learned = rungs[counts[RUNG]] if counts[RUNG] < RUNGS else 0.0
-    if tau > 0.0:
-        change = _change_of_length(
-            share * max(math.exp(-length_s / tau), LEAST_DECAY), q, MOST_GROWTH
-        )
-    suggested = max(length_s * change, min(length_s, clock[NEXT]))
-    if learned > 0.0:
-        suggested = learned
-    if cut_short:
-        suggested = max(suggested, clock[NEXT])
-    if tau == 0.0:
-        if counts[WAIT] > 0:
-            counts[WAIT] -= 1
-            suggested = min(suggested, clock[CRUISE])
-        clock[CRUISE] = suggested
-    clock[NEXT] = suggested
+    begin_short(state, AFTER_EVENT)
 
 
 @compiled

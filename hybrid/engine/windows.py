@@ -34,7 +34,15 @@ from hybrid.engine.relaxation import (
 )
 from hybrid.engine.relaxation import Pen as WindowPen
 from hybrid.engine.remarks import chattering, refuse_undefined
-from hybrid.engine.sweep import DRIVE, FROZEN, ON_OVERLOAD, OVERLOAD_S, WINDOWS, new_state
+from hybrid.engine.sweep import (
+    DRIVE,
+    FROZEN,
+    ON_OVERLOAD,
+    OVERLOAD_S,
+    SUM_OF_ERRORS,
+    WINDOWS,
+    new_state,
+)
 from hybrid.engine.sweep import State as CircuitState
 from hybrid.machine import Machine
 from hybrid.modes import MODE_ELEMENT, OP, STOP_RUN
@@ -315,6 +323,11 @@ class CircuitPlayer(Player):
         """Until when it has been played, also where it stopped between two instants."""
         stopped_s = float(self.side.stopped_s[0])
         return super().done_s if np.isnan(stopped_s) else stopped_s
+
+    @property
+    def engine_error(self) -> float | None:
+        """What the ends of the windows have gathered, of full scale, were nothing magnified."""
+        return float(self.side.state.clock[SUM_OF_ERRORS])
 
     def remarks(self) -> tuple[str, ...]:
         """Parts that chatter."""
