@@ -300,6 +300,16 @@ class Fit:
             rss=float(residual @ residual),
         )
 
+    def rounding(self, record: Condensed) -> Array:
+        """Covariance (poles, poles) that rows bring about of which each is rounded by itself.
+
+        Rows of a growing record are rounded in proportion to what they hold; one variance for all would
+        be that of the many small ones.
+        """
+        deviation = EPS * (np.abs(record.data) + abs(float(self.weights[-1])) * record.ones)
+        moved = self.covariance() @ (self.tangents * deviation)
+        return np.asarray(moved @ moved.T)
+
     def covariance(self) -> Array:
         """Covariance (poles, poles) of the poles for rows of unit variance."""
         axes = self.axes / self.norms[:, None]

@@ -45,6 +45,9 @@ OUTLIER = 5.0  # residual of a first row, in deviations, that gives away a faste
 FOREIGN = 100.0  # times OUTLIER; such rows can belong to no second-order mode
 DROPS = (4, 5, 8, 16, 32)  # first rows to leave out, tried in this order
 LONG_DROPS = (128, 512, 2048, 8192)
+FEWEST_GROWING = 16  # rows that are left of a record whose later half is left out
+ROUNDED_OFF = 1e-12  # of the scale of the values: what spreads less has lost its digits to the mean
+HIDDEN = 1e-10  # curvature between the poles' tangents that is mostly rounding
 LEFT_ROWS = 9  # at least, when first rows are left out
 MASKING_ROWS = 256  # in a shorter record a fit can bend to take up a faster mode
 MASKED = 0.3  # ratio of deviations that proves that it did
@@ -236,6 +239,11 @@ class Mode:
         """Whether the residuals are correlated, and are more than rounding."""
         return self.correlation > 1.0 and self.is_noisy()
 
+    def outgrows_itself(self) -> bool:
+        """Whether two real poles grow: the rounding of the last rows may hide the slower one."""
+        sigma, a0 = self.poles
+        return self.backward and sigma * sigma > a0
+
     @cached_property
     def _first_residuals(self) -> Array:
         """Sizes of the residuals of the rows left out and of the first fitted ones."""
@@ -401,6 +409,31 @@ def _weak_part(mode: Mode) -> tuple[Array, Array] | None:
     return fit.poles, fit.covariance() * fit.rss / max(1, len(record.data) - 5)
 
 
+def _without_overgrowth(mode: Mode) -> Mode:
+    """Leave out the later half of the rows, again and again, as long as they hide the slower pole.
+
+    They do where rounding leaves nothing by which to tell the poles apart, or where the rest contradicts
+    them or is surer of them.
+    """
+    while len(mode.values) >= 2 * FEWEST_GROWING:
+        earlier = mode.values[: len(mode.values) // 2]
+        if float(np.ptp(earlier)) < ROUNDED_OFF:
+            return mode
+        rest = _fit_rows(earlier, mode.dropped, True, None)
+        if rest is None or not rest.outgrows_itself():
+            return mode
+        ours, theirs = (
+            m.fit.covariance() * m.variance + m.fit.rounding(m.record) for m in (mode, rest)
+        )
+        apart = np.abs(mode.fit.poles - rest.fit.poles)
+        contradicts = (apart > OUTLIER * np.sqrt(np.diag(ours + theirs))).any()
+        hidden = mode.fit.curvature.min() < HIDDEN
+        if not (hidden or contradicts or theirs[1, 1] < ours[1, 1]):
+            return mode
+        mode = rest
+    return mode
+
+
 def _power(values: Array) -> float:
     """Sum of squares about the mean."""
     varying = values - values.sum() / len(values)
@@ -422,6 +455,8 @@ def find_mode(values: Array) -> Mode | None:
             mode = _without_faster_mode(mode)
     if mode.is_structured():
         mode = _without_transient(mode)
+    if mode.outgrows_itself():
+        mode = _without_overgrowth(mode)
     if mode.weak_part is None and mode.is_structured():
         mode = replace(mode, weak_part=_weak_part(mode))
     return mode

@@ -245,6 +245,7 @@ def _errors(mode: Mode) -> Errors:
     drift = drift_covariance(mode) if mode.is_noisy() else None
     if drift is not None:  # a walk explains the correlation; it need not be counted twice
         covariance = mode.fit.covariance() * mode.deviation**2 + drift
+    covariance = covariance + mode.fit.rounding(mode.record)
     slopes = np.array(
         [[0.0, 0.5 / omega], [-1.0 / omega, 0.5 * sigma / omega**3], [-2.0 * sigma, 1.0]]
     )

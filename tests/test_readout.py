@@ -300,6 +300,22 @@ def test_quantised_to_14_bits(zeta, cycles, rows):
 # --- more than one mode ------------------------------------------------------------------------
 
 
+@pytest.mark.parametrize("zeta", [-1.1, -1.5, -2.0, -3.0])
+@pytest.mark.parametrize("until_s", [0.6, 1.0, 1.2, 1.4, 1.5, 1.56, 1.8, 2.0, 4.0])
+def test_two_growing_poles_are_measured_or_refused(zeta, until_s):
+    """The faster one hides the slower beneath the rounding of its last rows, 1e15 times as large as the
+    first: the figures are within what is stated, or there are none."""
+    time_s = np.arange(round(until_s / 0.01) + 1) * 0.01
+    found = measure_transient(free_response(3.0, zeta, time_s, v0=0.2), 0.01)
+    if found.reason:
+        assert until_s * 3.0 * math.sqrt(zeta**2 - 1.0) > 16.0, (
+            found
+        )  # they differ by e^32 and more
+        return
+    assert abs(found.omega - 3.0) < 6.0 * found.omega_error < 1e-2
+    assert abs(found.zeta - zeta) < 6.0 * found.zeta_error < 1e-2
+
+
 @pytest.mark.parametrize("amplitude", [1e-3, 0.1])
 def test_fast_transient_at_the_start_is_left_out(amplitude):
     """An extra pole at -40 omega is gone after 90 rows: the mode is exact without them."""
