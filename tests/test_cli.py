@@ -17,7 +17,7 @@ import pytest
 import xarray as xr
 
 import hybrid
-from hybrid.cli import main
+from hybrid.cli import VERBS, main
 from hybrid.engine import kernel
 from hybrid.terminal import print_json
 
@@ -87,6 +87,9 @@ OVERLOAD = {"signal", "time_s", "value", "worst_value", "worst_time_s", "instant
 OVERLOAD |= {"full_scale", "duration_s"}
 SWEEP = (ABOUT - {"cycle_s", "time_scale"}) | {"over", "seed", "status", "points", "files"}
 POINT = {"value", "readouts", "modes", "status", "note", "overloads", "seed"}
+BATCH = (ABOUT - {"cycle_s", "time_scale", "serial"}) | {"status", "summary", "runs", "files"}
+SUMMARY = {"runs", "mean", "std", "minimum", "maximum", "units"}
+ONE_RUN = {"run", "parameters_si", "serial", "seed", "readouts", "status", "note", "overloads"}
 CHECK = ABOUT | {
     "trial",
     "scaling",
@@ -115,6 +118,16 @@ ROWS = {
     | {"cycles", "overruns", "worst_response_s", "when", "samples", "sends"},
 }
 TRIAL = {"played_s", "of_s", "status", "note", "interval_s"}
+LISTED = {"name", "title", "file"}
+ANSWERS = {
+    "run": ABOUT | RUN,
+    "predict": ABOUT | {"modes", "max_damping_error", "max_cycle_s"},
+    "sweep": SWEEP,
+    "batch": BATCH,
+    "check": CHECK,
+    "draw": {"patch", "title", "files"},
+    "list": {"patches"},
+}
 
 
 def test_the_answer_of_run(capsys: pytest.CaptureFixture[str]) -> None:
@@ -159,7 +172,7 @@ def test_the_answer_of_predict(capsys: pytest.CaptureFixture[str]) -> None:
     assert found["parameters"]["cycle"] == "2 ms"
     assert [m.keys() for m in found["modes"]] == [MODE]
     found = answer(capsys, "predict", "loop.yaml", "--max-damping-error", "0.01")
-    assert found.keys() == ABOUT | {"modes", "max_damping_error", "max_cycle_s"}
+    assert found.keys() == ANSWERS["predict"]
     assert 0.001 < found["max_cycle_s"] < 0.0014
 
 
@@ -180,6 +193,29 @@ def test_the_answer_of_sweep(capsys: pytest.CaptureFixture[str]) -> None:
         assert data["value_top"].attrs["units"] == "rad/s"
 
 
+def test_the_answer_of_batch(capsys: pytest.CaptureFixture[str]) -> None:
+    options = ("--runs", "2", "--over", "cycle=1 ms:2 ms:2", "--jobs", "1", "--out", "x/b.nc")
+    found = answer(capsys, "batch", "loop.yaml", *options)
+    assert found.keys() == BATCH
+    assert found["parameters"] == {"omega": "10 rad/s", "tall": "0.1 rad"}
+    assert found["status"] == "complete"
+    assert {"mode omega", "mode zeta", "top"} <= found["summary"].keys()
+    assert all(figure.keys() == SUMMARY for figure in found["summary"].values())
+    assert [run["run"] for run in found["runs"]] == [0, 1, 2, 3]
+    for run in found["runs"]:
+        assert run.keys() == ONE_RUN
+        assert run["parameters_si"].keys() == {"cycle"}
+        assert run["readouts"]["mode"].keys() == TRANSIENT | ERRORS
+    assert found["files"] == ["x/b.nc", "x/b.png"]
+    assert all(Path(file).stat().st_size for file in found["files"])
+
+
+def test_the_answer_of_draw(capsys: pytest.CaptureFixture[str]) -> None:
+    found = answer(capsys, "draw", "loop.yaml")
+    assert found == {"patch": "loop.yaml", "title": "Loop", "files": ["loop.svg"]}
+    assert Path("loop.svg").stat().st_size
+
+
 def test_the_answer_of_check(capsys: pytest.CaptureFixture[str]) -> None:
     found = answer(capsys, "check", "loop.yaml")
     assert found.keys() == CHECK
@@ -195,21 +231,42 @@ def test_the_answer_of_list(capsys: pytest.CaptureFixture[str]) -> None:
     assert found.keys() == {"patches"}
     assert [p["name"] for p in found["patches"]] == list(hybrid.shipped_patches())
     for patch in found["patches"]:
-        assert patch.keys() == {"name", "title", "file"}
+        assert patch.keys() == LISTED
         assert hybrid.read_patch(patch["file"]).title == patch["title"]
 
 
-def test_every_key_is_in_the_readme() -> None:
+def section_of_the_readme(start: str, end: str) -> str:
     text = (Path(__file__).parent.parent / "README.md").read_text(encoding="utf-8")
-    section = text[text.index("### JSON") : text.index("## In Python")]
-    documented = set(re.findall(r"`([a-z_]+)`", section))
-    keys = (
-        ABOUT | RUN | MODE | CLOSED | ERRORS | TRANSIENT | OVERLOAD | SWEEP | POINT | CHECK | TRIAL
-    )
-    keys |= {"function", "word", "argument", "times", "action"}
-    keys |= {"max_damping_error", "max_cycle_s", "patches", "name", "file"}
-    keys = keys.union(*ROWS.values())
-    assert keys <= documented, sorted(keys - documented)
+    return text[text.index(start) : text.index(end)]
+
+
+def documented(section: str, pattern: str) -> dict[str, set[str]]:
+    """What the first column of the section's tables has for each verb that the second one names."""
+    found: dict[str, set[str]] = {verb: set() for verb in VERBS}
+    for line in section.splitlines():
+        cells = line.strip("| ").split(" | ")
+        if not line.startswith("| `") or len(cells) < 3:
+            continue
+        verbs = set(cells[1].split(", "))
+        if cells[1].startswith("all"):
+            verbs = set(VERBS) - set(re.findall("but `([a-z]+)`", cells[1]))
+        if "with a PATCH" in cells[1]:
+            verbs -= {"list", "schema"}
+        for verb in verbs & VERBS.keys():
+            found[verb] |= set(re.findall(pattern, cells[0]))
+    return found
+
+
+def test_every_key_is_in_the_readme() -> None:
+    assert ANSWERS.keys() == VERBS.keys() - {"schema"}
+    section = section_of_the_readme("### JSON", "## In Python")
+    found = documented(section, "`([a-z_]+)`")
+    for verb, keys in ANSWERS.items():
+        assert found[verb] == keys, (verb, sorted(found[verb] ^ keys))
+    inner = MODE | CLOSED | ERRORS | TRANSIENT | OVERLOAD | POINT | SUMMARY | ONE_RUN | TRIAL
+    inner |= LISTED | {"function", "word", "argument", "times", "action"}
+    missing = inner.union(*ROWS.values()) - set(re.findall(r"`([a-z_]+)`", section))
+    assert not missing, sorted(missing)
 
 
 def test_the_readme_prints_what_its_command_prints(capsys: pytest.CaptureFixture[str]) -> None:
@@ -237,12 +294,12 @@ def test_the_readme_prints_what_its_command_prints(capsys: pytest.CaptureFixture
             assert abs(float(said) - float(now)) <= slack * unit, (expected[0], said, now)
 
 
-def test_every_option_is_in_the_readme(capsys: pytest.CaptureFixture[str]) -> None:
-    text = (Path(__file__).parent.parent / "README.md").read_text(encoding="utf-8")
-    for verb in ("run", "predict", "sweep", "batch", "check", "list", "schema"):
-        assert main([verb, "--help"]) == 0
-        for option in set(re.findall(r"--[a-z-]+", capsys.readouterr().out)) - {"--help"}:
-            assert option in text, (verb, option)
+@pytest.mark.parametrize("verb", VERBS)
+def test_every_option_is_in_the_readme(verb: str, capsys: pytest.CaptureFixture[str]) -> None:
+    found = documented(section_of_the_readme("## Commands", "### JSON"), "--[a-z-]+")
+    assert main([verb, "--help"]) == 0
+    options = set(re.findall("--[a-z-]+", capsys.readouterr().out)) - {"--help"}
+    assert found[verb] == options, sorted(found[verb] ^ options)
 
 
 def test_no_minus_zero_in_json(capsys: pytest.CaptureFixture[str]) -> None:
