@@ -27,6 +27,7 @@ from hybrid.modes import LOGIC
 INPUT, SINE, SUM, PIECES, SWITCH, TRACK = 0, 1, 2, 3, 4, 5
 PRODUCT, QUOTIENT, SQRT, SIN, COS, POWER, INTEGRATE = 6, 7, 8, 9, 10, 11, 12
 MODE = 13
+ANGLE = 14
 # What a MODE element gives: the number of the machine's mode, or 1 in one of them and else 0.
 NUMBER = -1
 

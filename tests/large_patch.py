@@ -2,7 +2,7 @@
 
 import random
 
-PAIRS = ("multiply", "divide")
+PAIRS = ("multiply", "divide", "atan2")
 SINGLES = ("square_root", "sin", "cos", "function", "absolute", "limit", "dead_zone", "track")
 EXTRA = {
     "function": "points: {-1: -1, -0.2: 0, 0.3: 0.6, 1: 0.4}",

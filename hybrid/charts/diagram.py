@@ -330,9 +330,12 @@ class Sheet:
             told.append("with hysteresis")
         if "gain" in values:
             ins = [self.shown[signal][1] for signal in component.signals]
-            factor = ins[0] ** 0.5 if kind == "square_root" else ins[0]
-            if len(ins) > 1:
-                factor = factor * ins[1] if kind == "multiply" else factor / ins[1]
+            factor = {
+                "square_root": ins[0] ** 0.5,
+                "atan2": 1.0,
+                "multiply": ins[0] * ins[-1],
+                "divide": ins[0] / ins[-1],
+            }[kind]
             told.append(f"gain {number(si('gain') * factor / component.factor, 4)}")
         if kind in ("sin", "cos") and "amplitude" in values:
             told.append(f"amplitude {bare('amplitude')}")

@@ -237,6 +237,11 @@ def _divider(field: Field) -> str:
     return body + _marks(field, ("N", "D"))
 
 
+def _angle(field: Field) -> str:
+    body = _circle(field) + words(field.width / 2, field.height / 2, "∠", 17)
+    return body + _marks(field, ("y", "x"))
+
+
 def _marks(field: Field, marks: Sequence[str]) -> str:
     """Small letters at the inputs, where it matters which is which."""
     return "".join(
@@ -395,6 +400,7 @@ SYMBOLS: Mapping[str, Symbol] = MappingProxyType(
         "square_root": Symbol(_sign("√", 19.0)),
         "sin": Symbol(_round("sin"), 42.0, 42.0),
         "cos": Symbol(_round("cos"), 42.0, 42.0),
+        "atan2": Symbol(_angle, 42.0, 42.0),
         "function": Symbol(_function),
         "absolute": Symbol(_curve((-1, 1), (0, 0), (1, 1))),
         "limit": Symbol(_curve((-1.1, -0.7), (-0.6, -0.7), (0.6, 0.7), (1.1, 0.7))),

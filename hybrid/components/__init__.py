@@ -13,6 +13,7 @@ from hybrid.components.linear import Coefficient, Integrate, Invert, Lag, Sum
 from hybrid.components.multipliers import Divide, Multiply, SquareRoot
 from hybrid.components.nonlinear import (
     Absolute,
+    AngleOf,
     Compare,
     CosOf,
     DeadZone,
@@ -49,6 +50,7 @@ CATALOG: Mapping[str, Kind] = MappingProxyType(
             SquareRoot(),
             SinOf(),
             CosOf(),
+            AngleOf(),
             FunctionGenerator(),
             Absolute(),
             Limit(),

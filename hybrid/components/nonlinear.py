@@ -14,6 +14,7 @@ from hybrid.components.base import Core, Given, Kind, Step
 from hybrid.components.sources import BIAS, PERIOD, too_short
 from hybrid.elements import Element
 from hybrid.language import Bound, Holds, Key, Unit
+from hybrid.units import Dimension
 
 GAIN = Key("gain", Holds.QUANTITY, "factor of the result", Unit.ANY, default="1")
 CONTROL = Key(
@@ -62,6 +63,27 @@ class CosOf(SinOf):
     doc = "amplitude times the cosine of a signal, an angle in rad"
     main = Key("cos", Holds.SIGNAL, "the angle", required=True)
     function = elements.COS
+
+
+class AngleOf(Nonlinear):
+    """The angle of a direction: a resolver that turns until it finds it."""
+
+    key, symbol, inputs = "atan2", "resolver", 2
+    doc = (
+        "angle of the direction that has the first signal across and the second ahead, in rad; it jumps "
+        "at half a turn"
+    )
+    main = Key("atan2", Holds.SIGNALS, "across and ahead", required=True)
+    keys = (GAIN,)
+
+    def element(self, given: Given) -> Element:
+        """w = gain * atan2(a, b)."""
+        (a, b), gain = given.signals, given.values.get("gain", 1.0)
+        return elements.amplified(Element(elements.ANGLE, {a: 1.0}, second={b: 1.0}), gain)
+
+    def result(self, inputs: tuple[Dimension, ...]) -> Dimension:
+        """A pure number of two signals in the same unit; anything else fits no full scale."""
+        return inputs[0] / inputs[1]
 
 
 class FunctionGenerator(Nonlinear):

@@ -16,6 +16,7 @@ import numpy as np
 from scipy.integrate import solve_ivp
 
 from hybrid.elements import (
+    ANGLE,
     COS,
     INPUT,
     INTEGRATE,
@@ -376,5 +377,6 @@ _FUNCTIONS: dict[int, Callable[[float, float, float], float]] = {
     SQRT: lambda u, w, p: math.sqrt(max(u, 0.0)),
     SIN: lambda u, w, p: float(np.sin(u)),
     COS: lambda u, w, p: float(np.cos(u)),
+    ANGLE: lambda u, w, p: float(np.arctan2(u, w)),
     POWER: lambda u, w, p: math.copysign(abs(u) ** p, u),
 }

@@ -13,6 +13,7 @@ from typing import NamedTuple
 import numpy as np
 
 from hybrid.elements import (
+    ANGLE,
     COS,
     INPUT,
     INTEGRATE,
@@ -186,6 +187,8 @@ def function_of(kind: int, u: float, w: float, exponent: float) -> float:
         return math.sin(u)
     if kind == COS:
         return math.cos(u)
+    if kind == ANGLE:
+        return math.atan2(u, w)
     return math.copysign(abs(u) ** exponent, u)
 
 

@@ -160,7 +160,7 @@ class _Writer:
         """Why it is not one component."""
         if function := self.other_time(expr):
             return self.refused(f"{function}() is of the cycles of a program")
-        known = ("sqrt", "sin", "cos", "abs", "limit", "dead_zone")
+        known = ("sqrt", "sin", "cos", "atan2", "abs", "limit", "dead_zone")
         for part in sub_expressions(expr):
             if isinstance(part, Call) and part.function not in known:
                 return self.refused(f"{part.function}() has no analog component")
@@ -232,6 +232,8 @@ class _Writer:
                 return _Made("square_root", signals=(source,), values={"gain": gain})
             case Call("sin" | "cos" as name):
                 return _Made(name, signals=(source,), values={"amplitude": gain})
+            case Call("atan2", (_, Name(ahead))) if ahead not in self.parameters:
+                return _Made("atan2", signals=(source, ahead), values={"gain": gain})
             case Call("abs") if gain == ONE:
                 return _Made("absolute", signals=(source,))
             case Call("limit" | "dead_zone" as name, (_, low, high)) if gain == ONE:

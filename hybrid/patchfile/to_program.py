@@ -165,6 +165,11 @@ def _quotient(c: Component, _: Surroundings) -> Node:
     return Binary("/", _times(_value(c, "gain", 1.0), Name(c.signals[0])), Name(c.signals[1]))
 
 
+def _angle(c: Component, _: Surroundings) -> Node:
+    across, ahead = c.signals
+    return _times(_value(c, "gain", 1.0), Call("atan2", (Name(across), Name(ahead))))
+
+
 def _root(c: Component, _: Surroundings) -> Node:
     positive = Call("max", (Name(c.signals[0]), Number(0.0)))
     return _times(_value(c, "gain", 1.0), Call("sqrt", (positive,)))
@@ -236,6 +241,7 @@ _WORDS: Mapping[str, Callable[[Component, Surroundings], Node]] = {
     "square_root": _root,
     "sin": _function("sin"),
     "cos": _function("cos"),
+    "atan2": _angle,
     "absolute": _function("abs"),
     "limit": _between("limit"),
     "dead_zone": _between("dead_zone"),

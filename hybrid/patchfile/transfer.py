@@ -231,12 +231,14 @@ class _Transfer:
         own = self.program
         words = {*states, *assignments}
         lengths = {word: length for word, length in own.lengths.items() if word in words}
+        shown = {name: self.components[name] for name in words if name in self.components}
         return replace(
             own,
             assignments=tuple(assignments[word] for word in computing_order(assignments, states)),
             states=tuple(states[word] for word in sorted(states)),
             remember={word: value for word, value in own.remember.items() if word in words},
             lengths=lengths | dict.fromkeys(exact, WordSettings()),
+            units={**own.units, **{name: (c.unit, c.factor) for name, c in shown.items()}},
         )
 
 
