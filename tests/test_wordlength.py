@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 from hybrid.coupling import exact_modes, ideal_modes
+from hybrid.engine.compiling import compiled, strictly
 from hybrid.engine.rounding import code_of, compute, left_out, odd, rounded_float, within
 from hybrid.errors import PatchError
 from hybrid.patchfile import parse_patch
@@ -15,6 +16,22 @@ from hybrid.tape import Op
 from hybrid.wordlength import FLOAT32, Kind, Overflow, WordLength
 
 RANDOM = 20_000
+
+
+@strictly
+def multiplied_and_added(a, b, c):
+    return a * b + c
+
+
+@compiled
+def within_another(a, b, c):
+    return multiplied_and_added(a, b, c)
+
+
+def test_what_is_compiled_strictly_is_so_within_other_functions():
+    # (1 + e)^2 is 1 + 2 e + e^2, of which a double keeps 1 + 2 e: nothing is left but where it is fused.
+    x = 1.0 + 2.0**-30
+    assert within_another(x, x, -(1.0 + 2.0**-29)) == 0.0
 
 
 def exact(op, a, b):

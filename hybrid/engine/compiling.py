@@ -41,5 +41,8 @@ def inlined(function: Any) -> Any:
 
 
 def strictly(function: Any) -> Any:
-    """As `compiled`, but with every operation as it is written: none is fused with another."""
-    return _njit(**_COMMON, _nrt=False)(function)
+    """As `compiled`, but with every operation as it is written: none is fused with another.
+
+    To leave `fastmath` out is not enough: numba then takes that of the function which calls this one.
+    """
+    return _njit(**_COMMON, _nrt=False, fastmath=False)(function)
