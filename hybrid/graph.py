@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import collections
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence, Set
 
 
 def find_loop(needs: Mapping[str, list[str]]) -> tuple[str, ...]:
@@ -100,3 +100,48 @@ def short_loops(
             elif place.get(target, first + 1) > first and target not in path and target in follows:
                 queue.append((*path, target))
     return found[:most], not queue and len(found) <= most
+
+
+def grouped_order(kinds: Sequence[int], needs: Sequence[Set[int]]) -> Iterator[list[int]]:
+    """Steps 0, 1, ... in groups of one kind, so that each follows all it needs; few groups.
+
+    The next kind is that on which the longest chain of changes between kinds hangs: no order has fewer
+    groups than the longest chain. The graph has no loop.
+    """
+    waiting = [len(needed) for needed in needs]
+    feeds: list[list[int]] = [[] for _ in kinds]
+    for step, needed in enumerate(needs):
+        for other in needed:
+            feeds[other].append(step)
+    chain = _longest_chains(kinds, needs, feeds)
+    ready = collections.defaultdict[int, list[int]](list)
+    for step, kind in enumerate(kinds):
+        if not waiting[step]:
+            ready[kind].append(step)
+    while ready:
+        kind = max(ready, key=lambda k: (max(chain[step] for step in ready[k]), len(ready[k])))
+        group = ready.pop(kind)
+        for step in group:  # which grows meanwhile
+            for follower in feeds[step]:
+                waiting[follower] -= 1
+                if not waiting[follower]:
+                    at = group if kinds[follower] == kind else ready[kinds[follower]]
+                    at.append(follower)
+        yield group
+    assert not any(waiting), "steps that wait for each other"
+
+
+def _longest_chains(
+    kinds: Sequence[int], needs: Sequence[Set[int]], feeds: Sequence[list[int]]
+) -> list[int]:
+    """How often the kind changes, at most, on the way from each step to an end."""
+    chain = [0] * len(kinds)
+    waiting = [len(followers) for followers in feeds]
+    done = [step for step, count in enumerate(waiting) if not count]
+    for step in done:  # which grows meanwhile
+        for other in needs[step]:
+            chain[other] = max(chain[other], chain[step] + (kinds[other] != kinds[step]))
+            waiting[other] -= 1
+            if not waiting[other]:
+                done.append(other)
+    return chain

@@ -55,17 +55,34 @@ def us76(height: float) -> tuple[float, float]:
     The temperature is that of the molecular scale, which is the kinetic one up to 80 km and 0.04 % above
     it at 86 km. Below -5 km the lowest layer goes on, above 86 km the air is isothermal.
     """
+    layer, rise = us76_layer(height)
+    temperature = us76_temperature(layer, rise)
+    return temperature, us76_pressure(layer, rise, temperature)
+
+
+def us76_layer(height: float) -> tuple[int, float]:
+    """The layer in which a geometric height (m) is, and how far above its base in geopotential (m)."""
     if not height > -US76_RADIUS_M:
-        return math.nan, math.nan
+        return 0, math.nan
     geopotential = US76_RADIUS_M * (height / (US76_RADIUS_M + height))
     layer = 0
     while layer < 7 and geopotential >= _BASE_M[layer + 1]:
         layer += 1
-    rise, base, gradient = geopotential - _BASE_M[layer], _BASE_K[layer], _GRADIENT[layer]
-    temperature = base + gradient * rise
+    return layer, geopotential - _BASE_M[layer]
+
+
+def us76_temperature(layer: int, rise: float) -> float:
+    """Temperature (K) in a layer, so far above its base."""
+    return _BASE_K[layer] + _GRADIENT[layer] * rise
+
+
+def us76_pressure(layer: int, rise: float, temperature: float) -> float:
+    """Pressure (Pa) in a layer, so far above its base, at the temperature there."""
+    base, gradient = _BASE_K[layer], _GRADIENT[layer]
     if gradient == 0.0:
-        return temperature, _BASE_PA[layer] * math.exp(-_HYDROSTATIC * rise / base)
-    return temperature, _BASE_PA[layer] * (base / temperature) ** (_HYDROSTATIC / gradient)
+        return _BASE_PA[layer] * math.exp(-_HYDROSTATIC * rise / base)
+    exponent = _HYDROSTATIC / gradient
+    return _BASE_PA[layer] * math.pow(base / temperature, exponent)
 
 
 def us76_sound_speed(temperature: float) -> float:
@@ -128,6 +145,14 @@ def geodetic(x: float, y: float, z: float) -> tuple[float, float, float]:
     point's direction. From 300 km off the centre of the Earth up to 1e9 m it errs by rounding only:
     4e-16 rad, and 4e-9 m or 4e-16 of the distance.
     """
+    north, outwards, height = geodetic_meridian(x, y, z)
+    if math.isnan(north):
+        return math.nan, math.nan, math.nan
+    return math.atan2(north, outwards), math.atan2(y, x), height
+
+
+def geodetic_meridian(x: float, y: float, z: float) -> tuple[float, float, float]:
+    """Two parts of the vertical in the plane of the meridian, north and outwards, and the height (m)."""
     across = math.hypot(x, y)
     if not math.hypot(across, z) > 0.0:
         return math.nan, math.nan, math.nan
@@ -140,7 +165,7 @@ def geodetic(x: float, y: float, z: float) -> tuple[float, float, float]:
     size = math.hypot(north, outwards)
     sine, cosine = north / size, outwards / size
     height = across * cosine + z * sine - WGS84_RADIUS_M * math.sqrt(1.0 - _E2 * sine * sine)
-    return math.atan2(north, outwards), math.atan2(y, x), height
+    return north, outwards, height
 
 
 def earth_fixed(latitude: float, longitude: float, height: float) -> tuple[float, float, float]:

@@ -8,7 +8,7 @@ import pytest
 from scipy.interpolate import PchipInterpolator, RegularGridInterpolator
 
 from hybrid.cli import main
-from hybrid.engine.lookup import look_up, pack
+from hybrid.engine.lookup import look_up, new_places, pack
 from hybrid.errors import PatchError
 from hybrid.patchfile import parse_patch, read_patch
 from hybrid.runs import run
@@ -19,13 +19,12 @@ EPS = np.finfo(float).eps
 
 def asker(table):
     """The compiled look-up as a function of the arguments, with a memory of its own."""
-    figures, layout = pack([table])
-    asked, intervals = np.zeros((1, 4)), np.zeros((1, 4), dtype=np.int64)
-    notes = np.zeros((2, 6))
+    packed = pack(table.axes, [(table, range(len(table.axes)))])
+    places, notes = new_places(packed[1]), np.zeros((2, 6))
 
     def ask(*arguments):
         held = np.array(arguments, dtype=float)
-        return look_up(held, 0, 0, figures, layout, asked, intervals, notes)
+        return look_up(held, 0, 0, *packed, *places, notes)
 
     return ask
 

@@ -11,8 +11,6 @@ import numpy as np
 import numpy.typing as npt
 
 from hybrid.engine.compiling import compiled, inlined
-from hybrid.engine.helper_functions import compute_helper
-from hybrid.engine.lookup import look_up
 from hybrid.tape import FIRST_WIDE, Memory, Op
 
 Floats = npt.NDArray[np.float64]
@@ -157,34 +155,6 @@ def operate(op: int, held: float, a: float, b: float) -> float:
     else:
         result = compute_function(op, held, a, b)
     return result
-
-
-@compiled
-def run_wide(
-    code: npt.NDArray[np.int32],
-    r: Floats,
-    figures: Floats,
-    layout: Ints,
-    outside: Floats,
-    asked: Floats,
-    intervals: Ints,
-) -> None:
-    """Play the operations of one cycle on registers `r`, of any program."""
-    k = 0
-    while k < code.shape[0]:
-        op, target, at, site = code[k, 0], code[k, 1], code[k, 2], code[k, 3]
-        if op == LOOK_UP:
-            result = look_up(r, at, site, figures, layout, asked, intervals, outside)
-        elif op >= WIDE:
-            result = compute_helper(op, r, at, site, outside)
-        elif op == SKIP:
-            result = r[at]
-            if result == 0.0:
-                k += int(r[site])
-        else:
-            result = operate(op, r[target], r[at], r[site])
-        r[target] = result
-        k += 1
 
 
 @compiled

@@ -13,18 +13,21 @@ import numpy.typing as npt
 
 from hybrid import surroundings
 from hybrid.engine.compiling import compiled_alike
+from hybrid.numbering import Burst
 from hybrid.tables import CONTINUES, STOPS
 from hybrid.tape import Op
 
 Floats = npt.NDArray[np.float64]
 
-_us76 = compiled_alike(surroundings.us76)
+_us76_layer = compiled_alike(surroundings.us76_layer)
+_us76_temperature = compiled_alike(surroundings.us76_temperature)
+_us76_pressure = compiled_alike(surroundings.us76_pressure)
 _us76_sound_speed = compiled_alike(surroundings.us76_sound_speed)
 _exponential_density = compiled_alike(surroundings.exponential_density)
 _gravity_sphere = compiled_alike(surroundings.gravity_sphere)
 _gravity_j2 = compiled_alike(surroundings.gravity_j2)
 _gravity_j2_polar = compiled_alike(surroundings.gravity_j2_polar)
-_geodetic = compiled_alike(surroundings.geodetic)
+_geodetic_meridian = compiled_alike(surroundings.geodetic_meridian)
 _earth_fixed = compiled_alike(surroundings.earth_fixed)
 
 
@@ -40,6 +43,9 @@ LATITUDE_WGS84, LONGITUDE_WGS84, HEIGHT_WGS84 = (
     int(op) for op in (Op.LATITUDE_WGS84, Op.LONGITUDE_WGS84, Op.HEIGHT_WGS84)
 )
 X_WGS84, Y_WGS84, Z_WGS84 = (int(op) for op in (Op.X_WGS84, Op.Y_WGS84, Op.Z_WGS84))
+GRAVITY_J2, GRAVITY_POLAR_J2, GEODETIC_WGS84 = (
+    int(op) for op in (Burst.GRAVITY_J2, Burst.GRAVITY_POLAR_J2, Burst.GEODETIC_WGS84)
+)
 GAS_CONSTANT = surroundings.US76_GAS_CONSTANT
 LOWEST_M, HIGHEST_M = surroundings.US76_LOWEST_M, surroundings.US76_HIGHEST_M
 
@@ -69,14 +75,14 @@ def compute_helper(op: int, r: Floats, at: int, site: int, notes: Floats) -> flo
     if op <= SOUND_SPEED_US76:
         if r[at] < LOWEST_M or r[at] > HIGHEST_M:
             note_outside(notes, site, 0, r[at], CONTINUES)
-        temperature, pressure = _us76(r[at])
+        layer, rise = _us76_layer(r[at])
+        temperature = _us76_temperature(layer, rise)
         if op == TEMPERATURE_US76:
             return temperature
-        if op == PRESSURE_US76:
-            return pressure
-        if op == DENSITY_US76:
-            return pressure / (GAS_CONSTANT * temperature)
-        return _us76_sound_speed(temperature)
+        if op == SOUND_SPEED_US76:
+            return _us76_sound_speed(temperature)
+        pressure = _us76_pressure(layer, rise, temperature)
+        return pressure if op == PRESSURE_US76 else pressure / (GAS_CONSTANT * temperature)
     if op == DENSITY_EXPONENTIAL:
         return _exponential_density(r[at], r[at + 1], r[at + 2])
     if op == GRAVITY_SPHERE:
@@ -90,7 +96,33 @@ def compute_helper(op: int, r: Floats, at: int, site: int, notes: Floats) -> flo
     if op == LONGITUDE_WGS84:
         return math.atan2(r[at + 1], r[at])
     if op <= HEIGHT_WGS84:
-        latitude, _, height = _geodetic(r[at], r[at + 1], r[at + 2])
-        return latitude if op == LATITUDE_WGS84 else height
+        north, outwards, height = _geodetic_meridian(r[at], r[at + 1], r[at + 2])
+        return math.atan2(north, outwards) if op == LATITUDE_WGS84 else height
     x, y, z = _earth_fixed(r[at], r[at + 1], r[at + 2])
     return x if op == X_WGS84 else (y if op == Y_WGS84 else z)
+
+
+@compiled_alike
+def compute_jointly(op: int, r: Floats, at: int, first: int, second: int, third: int) -> None:
+    """Several results of one formula of the registers from `at` on, each into its register.
+
+    What nobody reads goes to the last one, and is left out where it would take long.
+    """
+    nowhere = r.shape[0] - 1
+    if op == GRAVITY_J2:
+        gravity = _gravity_j2(r[at], r[at + 1], r[at + 2], r[at + 3], r[at + 4], r[at + 5])
+        r[first], r[second], r[third] = gravity
+    elif op == GRAVITY_POLAR_J2:
+        down, north = _gravity_j2_polar(r[at], r[at + 1], r[at + 2], r[at + 3], r[at + 4])
+        r[first], r[second] = down, north
+    elif op == GEODETIC_WGS84:
+        x, y = r[at], r[at + 1]
+        if third != nowhere or first != nowhere:
+            north, outwards, height = _geodetic_meridian(x, y, r[at + 2])
+            if first != nowhere:
+                r[first] = math.atan2(north, outwards)
+            r[third] = height
+        if second != nowhere:
+            r[second] = math.atan2(y, x)
+    else:
+        r[first], r[second], r[third] = _earth_fixed(r[at], r[at + 1], r[at + 2])

@@ -15,9 +15,11 @@ from typing import Any, NamedTuple
 import numpy as np
 import numpy.typing as npt
 
-from hybrid.engine import arithmetic, helper_functions, lanes
-from hybrid.engine.arithmetic import KEEPS, LENGTH, SOURCE_OF, operate, remember, run_wide
+from hybrid.engine import helper_functions, lanes
+from hybrid.engine.arithmetic import KEEPS, LENGTH, SOURCE_OF, remember
+from hybrid.engine.bursts import MULTIPLY_ADD, multiply_add, run_bursts
 from hybrid.engine.compiling import compiled, inlined
+from hybrid.engine.lookup import note_missed
 from hybrid.engine.rounding import BITS, OVERFLOW, STEP, STOP, code_of, run_rounded, within
 
 Floats = npt.NDArray[np.float64]
@@ -62,19 +64,26 @@ class Coupling(NamedTuple):
 
 
 class Deck(NamedTuple):
-    """The programs, one after the other; a row of `starts` has the first of each and of the next."""
+    """The programs, one after the other; a row of `starts` has the first of each and of the next.
 
-    code: npt.NDArray[np.int32]
-    words: npt.NDArray[np.int32]
+    Where words round, `code` is the tape as it was written; where all are doubles, `bursts`, `steps` and
+    `asks` are the tight one. The other is empty.
+    """
+
+    code: npt.NDArray[np.int32]  # (operations, 4)
+    bursts: npt.NDArray[np.int32]  # (bursts, 3), see `TightTape`
+    steps: npt.NDArray[np.uint32]  # (steps, 4)
+    asks: npt.NDArray[np.int32]  # (asks, 3)
+    words: npt.NDArray[np.uint32]
     memory: npt.NDArray[np.int32]
     figures: Floats  # of its tables, see `lookup`
-    layout: Ints  # (sites, columns)
+    axes: Ints  # (searches, columns)
+    tables: Ints  # (tables, columns)
     length_of: npt.NDArray[np.int32]  # (operations,): row of `lengths`; () where all are doubles
     lengths: Floats
     owner: npt.NDArray[np.int32]  # (operations,): the word each helps to compute
-    wide: Ints  # (1,): how many operations have their arguments side by side
     shared: npt.NDArray[np.int32]  # words of other programs: register, word
-    starts: Ints  # (programs + 1, 4): rows of code, words, memory, shared
+    starts: Ints  # (programs + 1, 5): rows of code or bursts, words, memory, shared, asks
 
 
 class Pens(NamedTuple):
@@ -98,8 +107,8 @@ class State(NamedTuple):
     overload: Ints  # (signals + adcs + dacs + words, 6): see the constants below
     beyond: Floats  # (signals + adcs + dacs + words, 2): first and worst value
     outside: Floats  # (sites of the tape + 1, 6): see `helper_functions`
-    asked: Floats  # (sites, 4): arguments of tables
-    intervals: Ints  # (sites, 4): where they lay
+    places: Floats  # (searches, 3): where arguments of tables lie, see `lookup`
+    intervals: Ints  # (searches, 2)
 
 
 # What a cue asks for.
@@ -199,9 +208,10 @@ def play_rounded(
             r,
             k,
             deck.figures,
-            deck.layout,
+            deck.axes,
+            deck.tables,
             state.outside,
-            state.asked,
+            state.places,
             state.intervals,
         )
         if k == end:
@@ -238,14 +248,13 @@ def play(
     # Plain names, and no calls with arrays on the common path: both would count references.
     cues = score.cues
     change, kept, draws, signal, reach = plant
-    adc, adc_figures, dac, dac_figures, steps, step_values = coupling
-    code, word_registers, memory, figures, layout = deck[:5]
+    adc, adc_figures, dac, dac_figures, stepped, step_values = coupling
+    _, bursts, steps, asks, word_registers, memory, figures, axes, tables = deck[:9]
     limited = deck.length_of.shape[0] > 0  # the word length
     shared, starts = deck.shared, deck.starts
     source, factor = pens
     v, next_v, sample, registers, ring, slots, words, count, notes, values, outside = state[:11]
-    asked, intervals = state.asked, state.intervals
-    plain, clock = not limited and deck.wide[0] == 0, outside.shape[0] - 1
+    places, intervals, clock = state.places, state.intervals, outside.shape[0] - 1
     signals, adcs, depth = signal.shape[0], adc.shape[0], ring.shape[0]
     noted = signals + adcs + dac.shape[0]  # the first row of notes for words
     blocks, columns = change.shape[1], change.shape[2]
@@ -300,33 +309,37 @@ def play(
             elif cue == START:
                 for k in range(starts[i, 3], starts[i + 1, 3]):
                     registers[shared[k, 0]] = words[shared[k, 1]]
-                if plain:
-                    k, stop = starts[i, 0], starts[i + 1, 0]
-                    while k < stop:
-                        op, target = code[k, 0], code[k, 1]
-                        a, b = registers[code[k, 2]], registers[code[k, 3]]
-                        if op == arithmetic.SKIP:
-                            value = a
-                            if a == 0.0:
-                                k += int(b)
-                        else:
-                            value = operate(op, registers[target], a, b)
-                        registers[target] = value
-                        k += 1
-                else:
-                    outside[clock, helper_functions.REPEAT] = repeat
-                    outside[clock, helper_functions.INSTANT] = cues[at, 2]
-                    if not limited:
-                        own = code[starts[i, 0] : starts[i + 1, 0]]
-                        run_wide(own, registers, figures, layout, outside, asked, intervals)
-                    elif play_rounded(deck, state, i, noted, repeat, cues[at, 2], last):
-                        outcome = OVERFLOWED
-                    elif stops != NEVER and any_noted(notes):
-                        outcome = OVERLOADED
-                    if outside[clock, helper_functions.TIMES] > 0.0:
-                        outcome = OUTSIDE
-                    if outcome != PAUSED:
-                        break
+                outside[clock, helper_functions.REPEAT] = repeat
+                outside[clock, helper_functions.INSTANT] = cues[at, 2]
+                if not limited:
+                    burst, stop = starts[i, 0], starts[i + 1, 0]
+                    # Small programs are nothing else, and need not call for the rest.
+                    while burst < stop and bursts[burst, 0] == MULTIPLY_ADD:
+                        multiply_add(steps, bursts[burst, 1], bursts[burst, 2], registers)
+                        burst += 1
+                    if burst < stop and run_bursts(
+                        bursts,
+                        burst,
+                        stop,
+                        steps,
+                        registers,
+                        figures,
+                        axes,
+                        tables,
+                        places,
+                        intervals,
+                        outside,
+                    ):
+                        first, stop = starts[i, 4], starts[i + 1, 4]
+                        note_missed(asks, first, stop, places, intervals, outside)
+                elif play_rounded(deck, state, i, noted, repeat, cues[at, 2], last):
+                    outcome = OVERFLOWED
+                elif stops != NEVER and any_noted(notes):
+                    outcome = OVERLOADED
+                if outside[clock, helper_functions.TIMES] > 0.0:
+                    outcome = OUTSIDE
+                if outcome != PAUSED:
+                    break
                 slot = slots[i, 0]
                 for w in range(starts[i, 1], starts[i + 1, 1]):
                     ring[slot, w] = registers[word_registers[w]]
@@ -338,11 +351,12 @@ def play(
                 slots[i, 0] = slot + 1 if slot + 1 < depth else 0
             elif cue == END:
                 slot = slots[i, 1]
+                lost = False
                 for w in range(starts[i, 1], starts[i + 1, 1]):
                     words[w] = ring[slot, w]
-                    if not math.isfinite(words[w]):
-                        outcome = NOT_FINITE
-                if outcome != PAUSED:
+                    lost |= not abs(words[w]) < math.inf
+                if lost:
+                    outcome = NOT_FINITE
                     break
                 slots[i, 1] = slot + 1 if slot + 1 < depth else 0
             elif cue in (LATCH, SOURCE):
@@ -358,7 +372,7 @@ def play(
                             outcome = OVERLOADED
                     value = convert(value, 1.0, dac_figures[i, 1], dac_figures[i, 2])
                 else:
-                    held = steps[i]
+                    held = stepped[i]
                     value = step_values[i]
                 for s in range(sums):
                     v[sums_at + s] += reach[held, s] * (value - v[inputs_at + held])
@@ -417,7 +431,7 @@ def is_compiled(function: Any = None, argument: str = "") -> bool:
 
 
 # Modules outside this folder whose constants are compiled in.
-SOURCES = ("tape.py", "elements.py", "surroundings.py", "wordlength.py")
+SOURCES = ("tape.py", "numbering.py", "elements.py", "surroundings.py", "wordlength.py")
 
 
 def forget_stale_kernels() -> None:

@@ -15,14 +15,16 @@ import numpy as np
 from hybrid.clockwork import Happening
 from hybrid.engine import helper_functions, kernel
 from hybrid.engine.kernel import Coupling, Deck, Pens, Plant, Score, State
-from hybrid.engine.lookup import pack
+from hybrid.engine.lookup import new_places, pack
 from hybrid.engine.propagator import Propagator, propagator
 from hybrid.errors import PatchError
 from hybrid.machine import Floats, Holder, Machine, Pen, Sampler, StepEvent
 from hybrid.modes import CONTINUE
 from hybrid.scale import to_seconds
 from hybrid.streams import stream
-from hybrid.tape import FIRST_WIDE, Tape
+from hybrid.tables import Axis, Table
+from hybrid.tape import Tape
+from hybrid.tightening import tighten
 from hybrid.timeline import Segment, Timeline, most_intervals
 
 # Small enough to answer Ctrl-C at once and to keep the normal draws in the cache.
@@ -74,7 +76,7 @@ class Player:
         self.plant = self._analog_side(list(self._numbers))
         self.coupling, self.deck, self.pens = (
             _coupling(machine),
-            _deck(machine.tape),
+            _deck(machine.tape)[0],
             _pens(machine, pens),
         )
         self.state = self._first_state()
@@ -451,20 +453,48 @@ def _coupled(
 
 
 @functools.lru_cache(maxsize=16)
-def _deck(tape: Tape) -> Deck:
-    tables = pack([site.table for site in tape.sites])
-    owner = np.array(tape.owner, dtype=np.int32)
-    return Deck(
-        tape.code,
-        tape.word_registers,
+def _deck(tape: Tape) -> tuple[Deck, Floats]:
+    """The programs as the kernel plays them, and the first values of their registers."""
+    if len(tape.length_of):
+        return _written_deck(tape), tape.registers
+    tight = tighten(tape)
+    deck = Deck(
+        np.zeros((0, 4), dtype=np.int32),
+        tight.bursts,
+        tight.steps,
+        tight.asks,
+        tape.word_registers.astype(np.uint32),
         tape.memory,
-        *tables,
+        *pack(tight.finds, tight.looks),
         tape.length_of,
         tape.lengths,
-        owner,
-        np.array([np.count_nonzero(tape.code[:, 0] >= FIRST_WIDE)], dtype=np.int64),
+        np.zeros(0, dtype=np.int32),
         tape.shared,
-        tape.starts,
+        np.column_stack([tight.starts[:, 0], tape.starts[:, 1:], tight.starts[:, 1]]),
+    )
+    return deck, tight.registers
+
+
+def _written_deck(tape: Tape) -> Deck:
+    """Programs whose words round, as they are written: every site has searches of its own."""
+    finds, looks = list[Axis](), list[tuple[Table, range] | None]()
+    for site in tape.sites:
+        first = len(finds)
+        finds += site.table.axes if site.table else ()
+        looks.append((site.table, range(first, len(finds))) if site.table else None)
+    return Deck(
+        tape.code,
+        np.zeros((0, 3), dtype=np.int32),
+        np.zeros((0, 4), dtype=np.uint32),
+        np.zeros((0, 3), dtype=np.int32),
+        tape.word_registers.astype(np.uint32),
+        tape.memory,
+        *pack(finds, looks),
+        tape.length_of,
+        tape.lengths,
+        np.array(tape.owner, dtype=np.int32),
+        tape.shared,
+        np.column_stack([tape.starts, np.zeros(len(tape.starts), dtype=np.int64)]),
     )
 
 
@@ -487,11 +517,12 @@ def _state(machine: Machine, plant: Plant) -> State:
     sums = list(_sums(machine))
     rank = plant.change.shape[2] - len(analog.x0) - len(analog.u0)
     padding = np.zeros(_padding(len(sums) + len(analog.x0)))
+    deck, registers = _deck(machine.tape)
     return State(
         np.concatenate([padding, analog.c[sums] @ z, z, np.zeros(rank)]),
         np.empty(len(padding) + len(sums) + len(analog.x0)),
         np.zeros(len(machine.samplers)),
-        machine.tape.registers.copy(),
+        registers.copy(),
         np.zeros((latency, words)),
         np.zeros((max(len(timing.tasks), 1), 2), dtype=np.int64),
         machine.tape.registers[machine.tape.word_registers],
@@ -499,8 +530,7 @@ def _state(machine: Machine, plant: Plant) -> State:
         np.zeros((watched, 6), dtype=np.int64),
         np.zeros((watched, 2)),
         np.zeros((len(machine.tape.sites) + 1, 6)),
-        np.zeros((len(machine.tape.sites), 4)),
-        np.zeros((len(machine.tape.sites), 4), dtype=np.int64),
+        *new_places(deck.axes),
     )
 
 

@@ -1,53 +1,80 @@
 """Table look-up: linear and monotone cubic in one to four variables, compiled.
 
-Stage 4. Tables are packed into one array of figures; a row of `layout` tells where those of one place
-in the program are. Each place remembers the intervals it was in last, where the next search begins: no
-answer depends on it, only how soon it is found.
+Stage 4. An argument is first sought among breakpoints, then tables are read where it lies; so tables
+with breakpoints and arguments in common share the search. Each search remembers the interval it ended
+in last, where the next begins: no answer depends on it, only how soon it is found.
 """
 
 from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
 
 import numpy as np
 import numpy.typing as npt
 
 from hybrid.engine.compiling import compiled_alike
 from hybrid.engine.helper_functions import note_outside
-from hybrid.tables import CONTINUES, METHODS, Table
+from hybrid.tables import CONTINUES, METHODS, Axis, Table
 
 Floats = npt.NDArray[np.float64]
 Ints = npt.NDArray[np.int64]
 
-# Columns of a row of the layout: the number of axes, the method, where the values begin; then for each
-# axis, where its lowest and highest argument and then its breakpoints are, how many breakpoints, how far
-# apart its values, what is done below and above.
+# Columns of `axes`, a row for each search: where its breakpoints are among the figures, with the lowest
+# and highest argument before them; how many breakpoints; what is done below and above.
+POINTS, COUNT, BELOW, ABOVE = range(4)
+# Columns of `tables`: the number of axes, the method, where the values begin; then for each axis its
+# search, and how far apart its values are.
 AXES, METHOD, VALUES, FIRST_AXIS = range(4)
-POINTS, COUNT, STRIDE, BELOW, ABOVE, PER_AXIS = range(6)
+FIND, STRIDE, PER_AXIS = range(3)
 COLUMNS = FIRST_AXIS + 4 * PER_AXIS
 CUBIC = METHODS.index("cubic")
+# What a search leaves behind. Floats: the argument within range, which part of the interval lies below
+# it, the argument as it was when it was out of range. Ints: the interval; 0, or 1 more than what is done
+# with an argument out of range.
+X, PART, BEYOND = range(3)
+INTERVAL, MISSED = range(2)
 
 
-def pack(tables: list[Table | None]) -> tuple[Floats, Ints]:
-    """Figures and layout, a row for each place in the program; None where it asks no table."""
+def pack(
+    finds: Iterable[Axis], looks: Iterable[tuple[Table, Sequence[int]] | None]
+) -> tuple[Floats, Ints, Ints]:
+    """Figures, `axes` and `tables` for these searches and these tables with their searches."""
     figures: list[Floats] = [np.zeros(1)]
-    at, starts = 1, dict[int, list[int]]()
-    layout = np.zeros((len(tables), COLUMNS), dtype=np.int64)
-    for row, table in enumerate(tables):
-        if table is None:
+    starts: dict[int, int] = {}
+
+    def start(key: object, *parts: Floats) -> int:
+        """Where these figures are; of each key once."""
+        if id(key) not in starts:
+            starts[id(key)] = sum(map(len, figures))
+            figures.extend(parts)
+        return starts[id(key)]
+
+    axes = [
+        (
+            start(axis, np.array(axis.range), axis.points) + 2,
+            len(axis.points),
+            axis.below,
+            axis.above,
+        )
+        for axis in finds
+    ]
+    tables = np.zeros((len(looks := list(looks)), COLUMNS), dtype=np.int64)
+    for row, look in enumerate(looks):
+        if look is None:
             continue
-        if id(table) not in starts:
-            parts = [np.array([*axis.range, *axis.points]) for axis in table.axes]
-            parts.append(table.values.ravel())
-            starts[id(table)] = (at + np.cumsum([0, *map(len, parts)])).tolist()
-            at = starts[id(table)][-1]
-            figures += parts
-        *axes_at, values_at, _ = starts[id(table)]
-        layout[row, :FIRST_AXIS] = len(axes_at), METHODS.index(table.method), values_at
-        for i, axis in enumerate(table.axes):
-            stride = int(np.prod(table.values.shape[i + 1 :], dtype=np.int64))
+        table, found = look
+        values_at = start(table, table.values.ravel())
+        tables[row, :FIRST_AXIS] = len(found), METHODS.index(table.method), values_at
+        for i, find in enumerate(found):
             first = FIRST_AXIS + i * PER_AXIS
-            column = (axes_at[i] + 2, len(axis.points), stride, axis.below, axis.above)
-            layout[row, first : first + PER_AXIS] = column
-    return np.concatenate(figures), layout
+            stride = int(np.prod(table.values.shape[i + 1 :], dtype=np.int64))
+            tables[row, first : first + PER_AXIS] = find, stride
+    return np.concatenate(figures), np.array(axes, dtype=np.int64).reshape(-1, 4), tables
+
+
+def new_places(axes: Ints) -> tuple[Floats, Ints]:
+    """What searches leave behind, before the first."""
+    return np.zeros((len(axes), 3)), np.zeros((len(axes), 2), dtype=np.int64)
 
 
 @compiled_alike
@@ -148,53 +175,133 @@ def _cubic(
 
 
 @compiled_alike
-def _cubic_1(f: Floats, lay: Ints, row: int, axis: int, at: int, r: Floats, i: Ints) -> float:
-    """Along the last axis, from the value at `at` on; arguments in r[0:], intervals in i."""
-    first = FIRST_AXIS + axis * PER_AXIS
-    k, count = i[row, axis], lay[row, first + COUNT]
+def seek(
+    find: int, asked: float, figures: Floats, axes: Ints, places: Floats, intervals: Ints
+) -> bool:
+    """Seek an argument among breakpoints; whether it is out of range. NaN lies anywhere."""
+    points, x, missed = axes[find, POINTS], asked, False
+    low, high = figures[points - 2], figures[points - 1]
+    if x < low or x > high:
+        missed = True
+        action = axes[find, BELOW] if x < low else axes[find, ABOVE]
+        intervals[find, MISSED] = 1 + action
+        places[find, BEYOND] = x
+        if action != CONTINUES:
+            x = min(max(x, low), high)
+    k = _find(figures, points, axes[find, COUNT], x, intervals[find, INTERVAL])
+    intervals[find, INTERVAL] = k
+    low, high = figures[points + k], figures[points + k + 1]
+    places[find, X] = x
+    places[find, PART] = (x - low) / (high - low)
+    return missed
+
+
+@compiled_alike
+def note_missed(
+    asks: npt.NDArray[np.int32],
+    first: int,
+    end: int,
+    places: Floats,
+    intervals: Ints,
+    notes: Floats,
+) -> None:
+    """Remember which of the tables a program asks were out of range, in its order; see `TightTape`."""
+    lost = False
+    for k in range(first, end):
+        find, site, axis = asks[k, 0], asks[k, 1], asks[k, 2]
+        lost = lost and axis > 0  # what is no number has no answer, whatever comes after it
+        if intervals[find, MISSED] > 0 and not lost:
+            note_outside(notes, site, axis, places[find, BEYOND], intervals[find, MISSED] - 1)
+        lost = lost or places[find, X] != places[find, X]
+    for find in range(intervals.shape[0]):
+        intervals[find, MISSED] = 0
+
+
+@compiled_alike
+def _cubic_1(
+    f: Floats, axes: Ints, tables: Ints, row: int, axis: int, at: int, r: Floats, i: Ints
+) -> float:
+    """Along the last axis, from the value at `at` on."""
+    find = tables[row, FIRST_AXIS + axis * PER_AXIS + FIND]
+    k, count = i[find, INTERVAL], axes[find, COUNT]
     before = f[at + k - 1] if k > 0 else 0.0
     after = f[at + k + 2] if k < count - 2 else 0.0
-    x = r[row, axis]
-    return _cubic(f, lay[row, first], count, k, x, before, f[at + k], f[at + k + 1], after)
+    x = r[find, X]
+    return _cubic(f, axes[find, POINTS], count, k, x, before, f[at + k], f[at + k + 1], after)
 
 
 @compiled_alike
-def _cubic_2(f: Floats, lay: Ints, row: int, axis: int, at: int, r: Floats, i: Ints) -> float:
+def _cubic_2(
+    f: Floats, axes: Ints, tables: Ints, row: int, axis: int, at: int, r: Floats, i: Ints
+) -> float:
     """Along two axes: the results of the second one along the first."""
-    first = FIRST_AXIS + axis * PER_AXIS
-    k, count, stride = i[row, axis], lay[row, first + COUNT], lay[row, first + STRIDE]
-    here, below = at + k * stride, axis + 1
-    before = _cubic_1(f, lay, row, below, here - stride, r, i) if k > 0 else 0.0
-    left = _cubic_1(f, lay, row, below, here, r, i)
-    right = _cubic_1(f, lay, row, below, here + stride, r, i)
-    after = _cubic_1(f, lay, row, below, here + 2 * stride, r, i) if k < count - 2 else 0.0
-    return _cubic(f, lay[row, first], count, k, r[row, axis], before, left, right, after)
+    first, below = FIRST_AXIS + axis * PER_AXIS, axis + 1
+    find, stride = tables[row, first + FIND], tables[row, first + STRIDE]
+    k, count = i[find, INTERVAL], axes[find, COUNT]
+    here = at + k * stride
+    before, after = 0.0, 0.0
+    if k > 0:
+        before = _cubic_1(f, axes, tables, row, below, here - stride, r, i)
+    left = _cubic_1(f, axes, tables, row, below, here, r, i)
+    right = _cubic_1(f, axes, tables, row, below, here + stride, r, i)
+    if k < count - 2:
+        after = _cubic_1(f, axes, tables, row, below, here + 2 * stride, r, i)
+    return _cubic(f, axes[find, POINTS], count, k, r[find, X], before, left, right, after)
 
 
 @compiled_alike
-def _cubic_3(f: Floats, lay: Ints, row: int, axis: int, at: int, r: Floats, i: Ints) -> float:
+def _cubic_3(
+    f: Floats, axes: Ints, tables: Ints, row: int, axis: int, at: int, r: Floats, i: Ints
+) -> float:
     """Along three axes."""
-    first = FIRST_AXIS + axis * PER_AXIS
-    k, count, stride = i[row, axis], lay[row, first + COUNT], lay[row, first + STRIDE]
-    here, below = at + k * stride, axis + 1
-    before = _cubic_2(f, lay, row, below, here - stride, r, i) if k > 0 else 0.0
-    left = _cubic_2(f, lay, row, below, here, r, i)
-    right = _cubic_2(f, lay, row, below, here + stride, r, i)
-    after = _cubic_2(f, lay, row, below, here + 2 * stride, r, i) if k < count - 2 else 0.0
-    return _cubic(f, lay[row, first], count, k, r[row, axis], before, left, right, after)
+    first, below = FIRST_AXIS + axis * PER_AXIS, axis + 1
+    find, stride = tables[row, first + FIND], tables[row, first + STRIDE]
+    k, count = i[find, INTERVAL], axes[find, COUNT]
+    here = at + k * stride
+    before, after = 0.0, 0.0
+    if k > 0:
+        before = _cubic_2(f, axes, tables, row, below, here - stride, r, i)
+    left = _cubic_2(f, axes, tables, row, below, here, r, i)
+    right = _cubic_2(f, axes, tables, row, below, here + stride, r, i)
+    if k < count - 2:
+        after = _cubic_2(f, axes, tables, row, below, here + 2 * stride, r, i)
+    return _cubic(f, axes[find, POINTS], count, k, r[find, X], before, left, right, after)
 
 
 @compiled_alike
-def _cubic_4(f: Floats, lay: Ints, row: int, axis: int, at: int, r: Floats, i: Ints) -> float:
+def _cubic_4(
+    f: Floats, axes: Ints, tables: Ints, row: int, axis: int, at: int, r: Floats, i: Ints
+) -> float:
     """Along four axes."""
-    first = FIRST_AXIS + axis * PER_AXIS
-    k, count, stride = i[row, axis], lay[row, first + COUNT], lay[row, first + STRIDE]
-    here, below = at + k * stride, axis + 1
-    before = _cubic_3(f, lay, row, below, here - stride, r, i) if k > 0 else 0.0
-    left = _cubic_3(f, lay, row, below, here, r, i)
-    right = _cubic_3(f, lay, row, below, here + stride, r, i)
-    after = _cubic_3(f, lay, row, below, here + 2 * stride, r, i) if k < count - 2 else 0.0
-    return _cubic(f, lay[row, first], count, k, r[row, axis], before, left, right, after)
+    first, below = FIRST_AXIS + axis * PER_AXIS, axis + 1
+    find, stride = tables[row, first + FIND], tables[row, first + STRIDE]
+    k, count = i[find, INTERVAL], axes[find, COUNT]
+    here = at + k * stride
+    before, after = 0.0, 0.0
+    if k > 0:
+        before = _cubic_3(f, axes, tables, row, below, here - stride, r, i)
+    left = _cubic_3(f, axes, tables, row, below, here, r, i)
+    right = _cubic_3(f, axes, tables, row, below, here + stride, r, i)
+    if k < count - 2:
+        after = _cubic_3(f, axes, tables, row, below, here + 2 * stride, r, i)
+    return _cubic(f, axes[find, POINTS], count, k, r[find, X], before, left, right, after)
+
+
+@compiled_alike
+def read(
+    row: int, figures: Floats, axes: Ints, tables: Ints, places: Floats, intervals: Ints
+) -> float:
+    """A table at arguments that have been sought."""
+    count, values = tables[row, AXES], tables[row, VALUES]
+    if tables[row, METHOD] == CUBIC:
+        if count == 1:
+            return _cubic_1(figures, axes, tables, row, 0, values, places, intervals)
+        if count == 2:
+            return _cubic_2(figures, axes, tables, row, 0, values, places, intervals)
+        if count == 3:
+            return _cubic_3(figures, axes, tables, row, 0, values, places, intervals)
+        return _cubic_4(figures, axes, tables, row, 0, values, places, intervals)
+    return _linear(figures, tables, row, count, values, places, intervals)
 
 
 @compiled_alike
@@ -203,69 +310,56 @@ def look_up(
     at: int,
     row: int,
     figures: Floats,
-    layout: Ints,
-    asked: Floats,
+    axes: Ints,
+    tables: Ints,
+    places: Floats,
     intervals: Ints,
     notes: Floats,
 ) -> float:
-    """The table of a place in the program at the arguments in registers from `at` on; NaN for NaN.
-
-    asked, intervals: (places, 4), the arguments within range and their intervals, for the next time.
-    """
-    axes, values = layout[row, AXES], layout[row, VALUES]
-    for axis in range(axes):
-        first = FIRST_AXIS + axis * PER_AXIS
-        points, x = layout[row, first + POINTS], float(r[at + axis])
-        if x != x:
-            return x
-        low, high = figures[points - 2], figures[points - 1]
-        if x < low or x > high:
-            action = layout[row, first + BELOW] if x < low else layout[row, first + ABOVE]
-            note_outside(notes, row, axis, x, action)
-            if action != CONTINUES:
-                x = min(max(x, low), high)
-        asked[row, axis] = x
-        intervals[row, axis] = _find(
-            figures, points, layout[row, first + COUNT], x, intervals[row, axis]
-        )
-    if layout[row, METHOD] == CUBIC:
-        if axes == 1:
-            return _cubic_1(figures, layout, row, 0, values, asked, intervals)
-        if axes == 2:
-            return _cubic_2(figures, layout, row, 0, values, asked, intervals)
-        if axes == 3:
-            return _cubic_3(figures, layout, row, 0, values, asked, intervals)
-        return _cubic_4(figures, layout, row, 0, values, asked, intervals)
-    return _linear(figures, layout, row, axes, values, asked, intervals)
+    """The table of a place in the program at the arguments in registers from `at` on; NaN for NaN."""
+    for axis in range(tables[row, AXES]):
+        find, asked = tables[row, FIRST_AXIS + axis * PER_AXIS + FIND], float(r[at + axis])
+        if asked != asked:
+            return asked
+        if seek(find, asked, figures, axes, places, intervals):
+            note_outside(notes, row, axis, asked, intervals[find, MISSED] - 1)
+    return read(row, figures, axes, tables, places, intervals)
 
 
 @compiled_alike
-def _linear(f: Floats, lay: Ints, row: int, axes: int, at: int, r: Floats, i: Ints) -> float:
+def line(f: Floats, at: int, k: int, t: float) -> float:
+    """A linear table of one variable, whose values begin at `at`."""
+    return _straight(f, at + k, 1, t)
+
+
+@compiled_alike
+def plane(f: Floats, at: int, stride: int, t: float, last: float) -> float:
+    """Between four values, the first of which is at `at`; `last`: along the last variable."""
+    near: float = (1.0 - t) * _straight(f, at, 1, last) + t * _straight(f, at + stride, 1, last)
+    return near
+
+
+@compiled_alike
+def _linear(f: Floats, tables: Ints, row: int, axes: int, at: int, r: Floats, i: Ints) -> float:
     """Multilinear, or on along the last straight line beyond the ends."""
     t0, t1, t2, t3, s0, s1, s2 = 0.0, 0.0, 0.0, 0.0, 0, 0, 0
     for axis in range(axes):
         first = FIRST_AXIS + axis * PER_AXIS
-        k, x = i[row, axis], r[row, axis]
-        low = f[lay[row, first] + k]
-        t = (x - low) / (f[lay[row, first] + k + 1] - low)
-        stride = lay[row, first + STRIDE]
-        at += k * stride
+        find, stride = tables[row, first + FIND], tables[row, first + STRIDE]
+        at += i[find, INTERVAL] * stride
         # The last axis is always the fourth: those before it shift up.
-        t0, t1, t2, t3 = t1, t2, t3, t
+        t0, t1, t2, t3 = t1, t2, t3, r[find, PART]
         if axis < axes - 1:
             s0, s1, s2 = s1, s2, stride
     if axes == 1:
         return _straight(f, at, 1, t3)
-    near = (1.0 - t2) * _straight(f, at, 1, t3) + t2 * _straight(f, at + s2, 1, t3)
+    near = plane(f, at, s2, t2, t3)
     if axes == 2:
         return near
-    at += s1
-    far = (1.0 - t2) * _straight(f, at, 1, t3) + t2 * _straight(f, at + s2, 1, t3)
+    far = plane(f, at + s1, s2, t2, t3)
     near = (1.0 - t1) * near + t1 * far
     if axes == 3:
         return near
     at += s0
-    far = (1.0 - t2) * _straight(f, at, 1, t3) + t2 * _straight(f, at + s2, 1, t3)
-    at -= s1
-    other = (1.0 - t2) * _straight(f, at, 1, t3) + t2 * _straight(f, at + s2, 1, t3)
+    other, far = plane(f, at, s2, t2, t3), plane(f, at + s1, s2, t2, t3)
     return (1.0 - t0) * near + t0 * ((1.0 - t1) * other + t1 * far)

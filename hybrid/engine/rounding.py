@@ -132,9 +132,10 @@ def run_rounded(
     r: Floats,
     first: int,
     figures: Floats,
-    layout: Ints,
+    axes: Ints,
+    tables: Ints,
     outside: Floats,
-    asked: Floats,
+    places: Floats,
     intervals: Ints,
 ) -> int:
     """Play the operations from `first` on up to one whose result overflows, and give its number.
@@ -150,7 +151,7 @@ def run_rounded(
             k += 1 + (int(b) if a == 0.0 else 0)
             continue
         if op == LOOK_UP:
-            result = look_up(r, at, site, figures, layout, asked, intervals, outside)
+            result = look_up(r, at, site, figures, axes, tables, places, intervals, outside)
         elif op >= WIDE:
             result = compute_helper(op, r, at, site, outside)
         else:
