@@ -58,6 +58,7 @@ JOINT: Mapping[int, tuple[Burst, int]] = {
 }
 RESULTS = 3  # of a formula, at most
 UNREAD = -1  # in place of a result that nothing reads
+SQUARE = 2.0
 # How many arguments an operation has; those with arguments side by side are in `HELPERS`.
 ARGUMENTS = {Op.COPY: 1, Op.NEG: 1, **dict.fromkeys(BINARY_OPS.values(), 2), Op.NOT: 1}
 ARGUMENTS |= {op: FUNCTIONS[name].fewest for name, op in FUNCTION_OPS.items() if op < FIRST_WIDE}
@@ -153,6 +154,8 @@ class Numbering:
     def _operation(self, part: Part, op: int, target: int, a: int, b: int) -> int:
         """The value of an operation: an earlier one where there is one that is equal."""
         block, site = None, 0
+        if op == Op.POW and b in self.constant and self._tape.registers[b] == SQUARE:
+            op, b = Op.MUL, a  # rounded once, and far sooner
         if op >= FIRST_WIDE:
             block, site = a, b
             places = range(a, a + len(HELPERS[Op(op).name.lower()].takes))

@@ -153,16 +153,16 @@ def geodetic(x: float, y: float, z: float) -> tuple[float, float, float]:
 
 def geodetic_meridian(x: float, y: float, z: float) -> tuple[float, float, float]:
     """Two parts of the vertical in the plane of the meridian, north and outwards, and the height (m)."""
-    across = math.hypot(x, y)
-    if not math.hypot(across, z) > 0.0:
+    across = math.sqrt(x * x + y * y)  # hypot takes most of the time, and no place is 1e150 m away
+    if not across + abs(z) > 0.0:
         return math.nan, math.nan, math.nan
     sine, cosine = z, (1.0 - WGS84_FLATTENING) * across
     for _ in range(3):
-        size = math.hypot(sine, cosine)
+        size = math.sqrt(sine * sine + cosine * cosine)
         north = z + _E2_SECOND * _POLAR_M * (sine / size) ** 3
         outwards = across - _E2 * WGS84_RADIUS_M * (cosine / size) ** 3
         sine, cosine = (1.0 - WGS84_FLATTENING) * north, outwards
-    size = math.hypot(north, outwards)
+    size = math.sqrt(north * north + outwards * outwards)
     sine, cosine = north / size, outwards / size
     height = across * cosine + z * sine - WGS84_RADIUS_M * math.sqrt(1.0 - _E2 * sine * sine)
     return north, outwards, height

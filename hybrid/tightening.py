@@ -19,7 +19,7 @@ import numpy.typing as npt
 
 from hybrid.graph import grouped_order
 from hybrid.helpers import HELPERS
-from hybrid.numbering import RESULTS, UNREAD, Burst, Numbering, Part, Step
+from hybrid.numbering import RESULTS, SQUARE, UNREAD, Burst, Numbering, Part, Step
 from hybrid.tables import Axis, Table
 from hybrid.tape import Memory, Op, Tape
 
@@ -65,9 +65,10 @@ class _Structure:
         self.tape = tape
         arrays = (tape.code, tape.word_registers, tape.memory, tape.shared, tape.starts)
         skips = tape.registers[tape.code[tape.code[:, 0] == Op.SKIP, 3]]
+        squares = tape.registers[tape.code[tape.code[:, 0] == Op.POW, 3]] == SQUARE
         tables = tuple(id(site.table) for site in tape.sites)
         self.key = (
-            *(array.tobytes() for array in (*arrays, skips)),
+            *(array.tobytes() for array in (*arrays, skips, squares)),
             tables,
             len(tape.registers),
         )

@@ -40,6 +40,8 @@ class Written:
                 r[target] = compute_helper(op, r, a, b, notes)
             elif op == Op.SKIP:
                 k += int(r[b]) if r[a] == 0.0 else 0
+            elif op == Op.POW and r[b] == 2.0:  # a constant in all programs here
+                r[target] = r[a] * r[a]
             else:
                 r[target] = compute(op, r[target], r[a], r[b])
             k += 1
@@ -200,6 +202,7 @@ run: {until: 5 s}
         ("(x + a)*(x + a) - (x + a)", "+ * -"),
         ("-x*a", "* -"),
         ("x", "copy"),
+        ("x**2 + a", "*+"),
         ("x**a", "**"),
         ("one(x) + two(x)", "find line line +"),
         ("sin(x) + a*cos(x)", "both *+"),
