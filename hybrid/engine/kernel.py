@@ -107,7 +107,7 @@ class State(NamedTuple):
     overload: Ints  # (signals + adcs + dacs + words, 6): see the constants below
     beyond: Floats  # (signals + adcs + dacs + words, 2): first and worst value
     outside: Floats  # (sites of the tape + 1, 6): see `helper_functions`
-    places: Floats  # (searches, 3): where arguments of tables lie, see `lookup`
+    places: Floats  # (searches + 4, 4): where arguments of tables lie, see `lookup`
     intervals: Ints  # (searches, 2)
 
 

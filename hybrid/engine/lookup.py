@@ -14,7 +14,7 @@ import numpy.typing as npt
 
 from hybrid.engine.compiling import compiled_alike
 from hybrid.engine.helper_functions import note_outside
-from hybrid.tables import CONTINUES, METHODS, Axis, Table
+from hybrid.tables import CONTINUES, METHODS, MOST_VARIABLES, Axis, Table
 
 Floats = npt.NDArray[np.float64]
 Ints = npt.NDArray[np.int64]
@@ -26,10 +26,11 @@ POINTS, COUNT, BELOW, ABOVE = range(4)
 # search, and how far apart its values are.
 AXES, METHOD, VALUES, FIRST_AXIS = range(4)
 FIND, STRIDE, PER_AXIS = range(3)
-COLUMNS = FIRST_AXIS + 4 * PER_AXIS
+COLUMNS = FIRST_AXIS + MOST_VARIABLES * PER_AXIS
 CUBIC = METHODS.index("cubic")
 # What a search leaves behind. Floats: the argument within range, which part of the interval lies below
-# it, the argument as it was when it was out of range. Ints: the interval; 0, or 1 more than what is done
+# it, the argument as it was when it was out of range; in further rows, one for each axis of a table that
+# is being read, what was found at four neighbours. Ints: the interval; 0, or 1 more than what is done
 # with an argument out of range.
 X, PART, BEYOND = range(3)
 INTERVAL, MISSED = range(2)
@@ -74,7 +75,8 @@ def pack(
 
 def new_places(axes: Ints) -> tuple[Floats, Ints]:
     """What searches leave behind, before the first."""
-    return np.zeros((len(axes), 3)), np.zeros((len(axes), 2), dtype=np.int64)
+    rows = len(axes) + MOST_VARIABLES
+    return np.zeros((rows, 4)), np.zeros((len(axes), 2), dtype=np.int64)
 
 
 @compiled_alike
@@ -218,73 +220,46 @@ def note_missed(
 
 
 @compiled_alike
-def _cubic_1(
-    f: Floats, axes: Ints, tables: Ints, row: int, axis: int, at: int, r: Floats, i: Ints
+def _cubics(
+    f: Floats, axes: Ints, tables: Ints, row: int, count: int, at: int, r: Floats, i: Ints
 ) -> float:
-    """Along the last axis, from the value at `at` on."""
-    find = tables[row, FIRST_AXIS + axis * PER_AXIS + FIND]
-    k, count = i[find, INTERVAL], axes[find, COUNT]
-    before = f[at + k - 1] if k > 0 else 0.0
-    after = f[at + k + 2] if k < count - 2 else 0.0
-    x = r[find, X]
-    return _cubic(f, axes[find, POINTS], count, k, x, before, f[at + k], f[at + k + 1], after)
+    """Along the last axis, then of the results along the one before it, and so on.
 
-
-@compiled_alike
-def _cubic_2(
-    f: Floats, axes: Ints, tables: Ints, row: int, axis: int, at: int, r: Floats, i: Ints
-) -> float:
-    """Along two axes: the results of the second one along the first."""
-    first, below = FIRST_AXIS + axis * PER_AXIS, axis + 1
-    find, stride = tables[row, first + FIND], tables[row, first + STRIDE]
-    k, count = i[find, INTERVAL], axes[find, COUNT]
-    here = at + k * stride
-    before, after = 0.0, 0.0
-    if k > 0:
-        before = _cubic_1(f, axes, tables, row, below, here - stride, r, i)
-    left = _cubic_1(f, axes, tables, row, below, here, r, i)
-    right = _cubic_1(f, axes, tables, row, below, here + stride, r, i)
-    if k < count - 2:
-        after = _cubic_1(f, axes, tables, row, below, here + 2 * stride, r, i)
-    return _cubic(f, axes[find, POINTS], count, k, r[find, X], before, left, right, after)
-
-
-@compiled_alike
-def _cubic_3(
-    f: Floats, axes: Ints, tables: Ints, row: int, axis: int, at: int, r: Floats, i: Ints
-) -> float:
-    """Along three axes."""
-    first, below = FIRST_AXIS + axis * PER_AXIS, axis + 1
-    find, stride = tables[row, first + FIND], tables[row, first + STRIDE]
-    k, count = i[find, INTERVAL], axes[find, COUNT]
-    here = at + k * stride
-    before, after = 0.0, 0.0
-    if k > 0:
-        before = _cubic_2(f, axes, tables, row, below, here - stride, r, i)
-    left = _cubic_2(f, axes, tables, row, below, here, r, i)
-    right = _cubic_2(f, axes, tables, row, below, here + stride, r, i)
-    if k < count - 2:
-        after = _cubic_2(f, axes, tables, row, below, here + 2 * stride, r, i)
-    return _cubic(f, axes[find, POINTS], count, k, r[find, X], before, left, right, after)
-
-
-@compiled_alike
-def _cubic_4(
-    f: Floats, axes: Ints, tables: Ints, row: int, axis: int, at: int, r: Floats, i: Ints
-) -> float:
-    """Along four axes."""
-    first, below = FIRST_AXIS + axis * PER_AXIS, axis + 1
-    find, stride = tables[row, first + FIND], tables[row, first + STRIDE]
-    k, count = i[find, INTERVAL], axes[find, COUNT]
-    here = at + k * stride
-    before, after = 0.0, 0.0
-    if k > 0:
-        before = _cubic_3(f, axes, tables, row, below, here - stride, r, i)
-    left = _cubic_3(f, axes, tables, row, below, here, r, i)
-    right = _cubic_3(f, axes, tables, row, below, here + stride, r, i)
-    if k < count - 2:
-        after = _cubic_3(f, axes, tables, row, below, here + 2 * stride, r, i)
-    return _cubic(f, axes[find, POINTS], count, k, r[find, X], before, left, right, after)
+    That is done for the four neighbours along every axis but the last, by turns as digits count.
+    """
+    value, last = 0.0, count - 1
+    rooms = r.shape[0] - MOST_VARIABLES
+    for neighbours in range(1 << 2 * last):
+        here, rest, missing = at, neighbours, False
+        for back in range(last):
+            first = FIRST_AXIS + (last - 1 - back) * PER_AXIS
+            find = tables[row, first + FIND]
+            k = i[find, INTERVAL] + (rest & 3) - 1
+            missing |= k < 0 or k >= axes[find, COUNT]
+            here += k * tables[row, first + STRIDE]
+            rest >>= 2
+        axis, rest = last, neighbours
+        while True:
+            find = tables[row, FIRST_AXIS + axis * PER_AXIS + FIND]
+            points, k, n, x = axes[find, POINTS], i[find, INTERVAL], axes[find, COUNT], r[find, X]
+            if axis < last:
+                room = rooms + axis
+                before, left, right, after = r[room, 0], r[room, 1], r[room, 2], r[room, 3]
+            elif not missing:
+                before = f[here + k - 1] if k > 0 else 0.0
+                after = f[here + k + 2] if k < n - 2 else 0.0
+                left, right = f[here + k], f[here + k + 1]
+            else:
+                before, left, right, after = 0.0, 0.0, 0.0, 0.0
+            value = _cubic(f, points, n, k, x, before, left, right, after)
+            axis -= 1
+            if axis < 0:
+                break
+            r[rooms + axis, rest & 3] = value
+            if rest & 3 < 3:
+                break
+            rest >>= 2
+    return value
 
 
 @compiled_alike
@@ -294,13 +269,7 @@ def read(
     """A table at arguments that have been sought."""
     count, values = tables[row, AXES], tables[row, VALUES]
     if tables[row, METHOD] == CUBIC:
-        if count == 1:
-            return _cubic_1(figures, axes, tables, row, 0, values, places, intervals)
-        if count == 2:
-            return _cubic_2(figures, axes, tables, row, 0, values, places, intervals)
-        if count == 3:
-            return _cubic_3(figures, axes, tables, row, 0, values, places, intervals)
-        return _cubic_4(figures, axes, tables, row, 0, values, places, intervals)
+        return _cubics(figures, axes, tables, row, count, values, places, intervals)
     return _linear(figures, tables, row, count, values, places, intervals)
 
 
