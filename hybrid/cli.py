@@ -97,7 +97,7 @@ def _run(options: argparse.Namespace, filing: Filing) -> int:
     patch, parameters = patch_and_parameters(options)
     patch, pens = with_chosen(with_until(patch, options.until), options.pens)
     if options.xy:
-        from hybrid.charts.plotter import save_plots, with_pens
+        from hybrid.charts.plotter import check_pairs, save_plots, with_pens
 
         patch, pairs = with_pens(patch, options.xy)
     if options.scope:
@@ -115,6 +115,8 @@ def _run(options: argparse.Namespace, filing: Filing) -> int:
     machine = machine_of(*ordered, circuit)
     engine = engine_of(machine, options.engine)
     check_run(machine, options.seed)
+    if options.xy:
+        check_pairs(pairs, span_facts(machine)["until_s"])
     if options.scope:
         check_operates(machine)
     stem = Path(output_name(options.out)) / Path(patch.file).stem

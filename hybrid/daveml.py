@@ -11,6 +11,7 @@ from __future__ import annotations
 import functools
 import math
 import re
+from collections import Counter
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 
@@ -54,8 +55,18 @@ class Model:
     prefix: str
 
     def inside(self, id_: str) -> str:
-        """The name of a variable, in the units of the file, in arithmetic."""
-        return f"{self.prefix}:{id_}"
+        """The name of a variable, in the units of the file, in arithmetic; see `errors.known_as`."""
+        return f"{self.prefix}:{self.words[id_]}"
+
+    @functools.cached_property
+    def words(self) -> Mapping[str, str]:
+        """How each variable is read, by its id: by its name, where that is the only one and a word."""
+        return _words({id_: variable.name for id_, variable in self.variables.items()})
+
+    @functools.cached_property
+    def ids(self) -> Mapping[str, str]:
+        """The id of each variable by how it is read."""
+        return {word: id_ for id_, word in self.words.items()}
 
     def find(self, word: str) -> Variable | None:
         """A variable by its name, where it is the only one of that name, or its id."""
@@ -99,7 +110,18 @@ def read_model(text: str, file: str, prefix: str) -> Model:
 def _needs(variable: Variable, model: Model) -> list[str]:
     """Ids of the variables that a variable is computed from."""
     read = names(variable.expr) if variable.expr is not None else frozenset()
-    return sorted(name.removeprefix(model.inside("")) for name in read)
+    return sorted(model.ids[name.partition(":")[2]] for name in read)
+
+
+def _words(names_of: Mapping[str, str]) -> dict[str, str]:
+    """A word for each id, no two alike: the name, if that is one and no other variable's too."""
+    count = Counter(names_of.values())
+    taken = {n for n in count if count[n] == 1 and n.isidentifier()}
+    words = {id_: n for id_, n in names_of.items() if n in taken}
+    for id_ in names_of:
+        if id_ not in words:  # no name of another may stand for it
+            words[id_] = id_ if id_ not in taken else f"{id_}'"
+    return words
 
 
 def needed(model: Model, wanted: str) -> list[str]:
@@ -123,6 +145,7 @@ class _Reader:
             raise PatchError("no <variableDef>; a model needs variables", root.place)
         self.breakpoints = _by_id(root, "breakpointDef", "bpID")
         self.tables = _by_id(root, "griddedTableDef", "gtID")
+        self.words = _words({id_: _name(e, id_) for id_, e in self.defined.items()})
         self.functions: dict[str, Element] = {}
         for function in root.all("function"):
             dependent = _only(function, "dependentVarRef", "dependentVarPts")
@@ -139,7 +162,7 @@ class _Reader:
         return id_
 
     def inside(self, id_: str, element: Element) -> str:
-        return f"{self.prefix}:{self.known(id_, element)}"
+        return f"{self.prefix}:{self.words[self.known(id_, element)]}"
 
     def variable(self, element: Element) -> Variable:
         id_ = element.required("varID")
@@ -163,7 +186,7 @@ class _Reader:
             expr = Number(_number(element, "initialValue", 0.0))
         return Variable(
             id_,
-            element.attributes.get("name", id_).strip(),
+            _name(element, id_),
             element.attributes.get("units", "nd").strip(),
             limited(expr, *map(Number, limits)) if expr is not None else None,
             element.first("isOutput") is not None,
@@ -227,7 +250,12 @@ class _Reader:
             raise PatchError(
                 f"the table has {len(values)} values; its breakpoints ask for {due}", data.place
             )
-        return Table(f"{self.prefix}:{id_}", axes, np.array(values).reshape(shape))
+        name = f"{self.prefix}:{self.words[id_]}"
+        return Table(name, axes, np.array(values).reshape(shape))
+
+
+def _name(element: Element, id_: str) -> str:
+    return element.attributes.get("name", id_).strip()
 
 
 def limited(expr: Node, low: Number, high: Number) -> Node:

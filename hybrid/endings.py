@@ -12,6 +12,7 @@ import numpy as np
 from hybrid.engine import kernel
 from hybrid.engine.linear import Player
 from hybrid.engine.ranges import outside
+from hybrid.errors import known_as
 from hybrid.machine import Machine, utilisation
 from hybrid.roundoff import word_lengths
 from hybrid.scale import to_seconds
@@ -41,8 +42,8 @@ def ending(player: Player) -> tuple[str, str]:
     if player.outcome == kernel.OVERFLOWED:
         words = [o.signal for o in player.overloads() if o.signal in player.machine.tape.words]
         return "stopped", (
-            f"stopped at {player.done_s:.9g} s: {words[-1]} does not fit into its word, whose overflow "
-            "is to stop the run"
+            f"stopped at {player.done_s:.9g} s: {known_as(words[-1])} does not fit into its word, whose "
+            "overflow is to stop the run"
         )
     if player.outcome == kernel.CHATTERS:
         return "stopped", (
@@ -59,10 +60,10 @@ def ending(player: Player) -> tuple[str, str]:
             for w, v in zip(player.machine.tape.words, player.state.words.tolist(), strict=True)
             if not np.isfinite(v)
         ]
+        told = ", ".join(dict.fromkeys(map(known_as, words)))
         return "stopped", (
-            f"stopped at {player.done_s:.6g} s: {_cycle_text(player)} "
-            "the program computed no finite number for "
-            f"{', '.join(words)} (a number beyond {_largest_text(player.machine, words)}, a division by "
+            f"stopped at {player.done_s:.6g} s: {_cycle_text(player)} the program computed no finite "
+            f"number for {told} (a number beyond {_largest_text(player.machine, words)}, a division by "
             "zero, or a root or logarithm of a negative number)"
         )
     machine = player.machine

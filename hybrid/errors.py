@@ -63,6 +63,12 @@ def did_you_mean(name: str, valid: Iterable[str]) -> str:
     return f"valid: {shown}"
 
 
+def known_as(name: str) -> str:
+    """A word as its user knows it: what arithmetic calls `wing:lift`, in the units of a model's file, is
+    read as `wing.lift`."""
+    return name.replace(":", ".")
+
+
 def one_line(text: str) -> str:
     """Text in one line that can be printed, whatever a file name brings into it."""
     return "".join(letter if letter.isprintable() else " " for letter in text)

@@ -15,7 +15,7 @@ from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
 from typing import Literal, TypeAlias, TypeVar
 
-from hybrid.errors import did_you_mean
+from hybrid.errors import did_you_mean, known_as
 from hybrid.helpers import HELPERS, Helper
 from hybrid.tables import Table
 from hybrid.units import PURE, Dimension
@@ -163,6 +163,25 @@ FUNCTIONS: Mapping[str, Function] = {
     **{name: _declared(helper) for name, helper in HELPERS.items()},
 }
 
+# What some operations must be given to have a value: whether it is so, and in words.
+NEEDS: Mapping[str, tuple[Callable[..., bool], str]] = {
+    "/": (lambda _, b: b != 0.0, "a divisor other than 0"),
+    "mod": (lambda _, b: b != 0.0, "a divisor other than 0"),
+    "**": (
+        lambda a, b: a > 0.0 or (a == 0.0 and b >= 0.0) or (a < 0.0 and b == round(b)),
+        "a base above 0",
+    ),
+    "sqrt": (lambda a: a >= 0.0, "0 or more"),
+    "log": (lambda a: a > 0.0, "more than 0"),
+    "log10": (lambda a: a > 0.0, "more than 0"),
+    "asin": (lambda a: -1.0 <= a <= 1.0, "-1 to 1"),
+    "acos": (lambda a: -1.0 <= a <= 1.0, "-1 to 1"),
+    "acosh": (lambda a: a >= 1.0, "1 or more"),
+    "atanh": (lambda a: -1.0 < a < 1.0, "less than 1 and more than -1"),
+    "limit": (lambda _, low, high: low <= high, "a low that is not above its high"),
+    "dead_zone": (lambda _, low, high: low <= high, "a low that is not above its high"),
+}
+
 # Functions of a program word that give its value of another cycle.
 OTHER_TIMES = frozenset({"previous", "next"})
 # Names that no signal or parameter may bear; Python's own words because its parser reads the text.
@@ -307,8 +326,19 @@ def _finite(tree: Node, compute: Callable[..., float], operands: tuple[float, ..
         value = math.nan
     if not math.isfinite(value):
         listed = ", ".join(f"{operand:g}" for operand in operands)
-        raise ExpressionError(f"{shown(to_text(tree))} has no finite value for operands {listed}")
+        raise ExpressionError(
+            f"{shown(to_text(tree))} has no finite value for operands {listed}{_need(tree, operands)}"
+        )
     return value
+
+
+def _need(tree: Node, operands: tuple[float, ...]) -> str:
+    """What would be valid where an operation is asked for what it has no value for; else ''."""
+    name = tree.op if isinstance(tree, Binary) else getattr(tree, "function", "")
+    fits, told = NEEDS.get(name, (lambda *_: True, ""))
+    if not fits(*operands):
+        return f"; {name} needs {told}"
+    return "" if isinstance(tree, Name) else "; numbers end at 1.8e308"
 
 
 _Value = TypeVar("_Value")
@@ -334,11 +364,11 @@ def _text(tree: Node, needed: int) -> str:
         text = _number_text(tree)
         strength = _UNARY_STRENGTH["-"] if text.startswith("-") else _STRONGEST
     elif isinstance(tree, Name):
-        return tree.id
+        return known_as(tree.id)
     elif isinstance(tree, Call):
         return f"{tree.function}({', '.join(map(to_text, tree.args))})"
     elif isinstance(tree, LookUp):
-        return f"{tree.table.name}({', '.join(map(to_text, tree.args))})"
+        return f"{known_as(tree.table.name)}({', '.join(map(to_text, tree.args))})"
     elif isinstance(tree, Unary):
         strength = _UNARY_STRENGTH[tree.op]
         text = ("-" if tree.op == "-" else "not ") + _text(tree.operand, strength)

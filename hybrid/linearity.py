@@ -13,7 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
-from hybrid.errors import NOWHERE, Place, RunError
+from hybrid.errors import NOWHERE, Place, RunError, known_as
 from hybrid.expressions import FUNCTIONS, OPERATORS
 from hybrid.machine import Floats
 from hybrid.tape import BINARY_OPS, FIRST_WIDE, FUNCTION_OPS, Memory, Op, Tape
@@ -37,6 +37,8 @@ ARGUMENTS = dict.fromkeys(BINARY_OPS.values(), 2) | {Op.NOT: 1}
 ARGUMENTS |= {op: FUNCTIONS[name].fewest for name, op in FUNCTION_OPS.items()}
 # A delay of more cycles would make matrices that take minutes.
 MOST_REMEMBERED = 1000
+SUMS = (Op.ADD, Op.SUB, Op.MUL)  # which have no finite value only where numbers end
+CHANGE = "change the parameters or constants that make it so"
 
 
 @dataclass(frozen=True, eq=False)
@@ -121,11 +123,11 @@ def _play(tape: Tape, forms: Floats) -> None:
         op, target, a, b = code[at]
         with np.errstate(over="ignore", invalid="ignore"):
             form = _operation(op, forms[target], forms[a], forms[b])
-        word, place = tape.words[tape.owner[at]], tape.places[tape.owner[at]]
+        word, place = known_as(tape.words[tape.owner[at]]), tape.places[tape.owner[at]]
         if form is None:
-            raise NotLinear(f"word {word!r} is not linear in what the program reads", place)
+            raise NotLinear(f"word {word!r} {_why_not(op, forms[b])}", place)
         if not np.all(np.isfinite(form)):
-            raise NotLinear(f"word {word!r} has a coefficient that is not finite", place)
+            raise NotLinear(f"word {word!r} {_why_not_finite(op, forms[a], forms[b])}", place)
         forms[target] = form
         at += 1 + (int(forms[b, -1]) if op == Op.SKIP and form[-1] == 0.0 else 0)
 
@@ -157,6 +159,28 @@ def _operation(op: int, held: Floats, a: Floats, b: Floats) -> Floats | None:
     if not any(np.any(operand[:-1]) for operand in operands):
         return _constant(Op(op), [operand[-1].item() for operand in operands], len(a))
     return None
+
+
+def _is_zero(form: Floats) -> bool:
+    return not np.any(form)
+
+
+def _why_not(op: int, b: Floats) -> str:
+    """Why an operation has no form."""
+    if op == Op.DIV and _is_zero(b):
+        return f"divides by 0 in every cycle; {CHANGE}"
+    return "is not linear in what the program reads"
+
+
+def _why_not_finite(op: int, a: Floats, b: Floats) -> str:
+    """Why the form of an operation is not finite: what it was given, or that it is too large."""
+    if op == Op.DIV and _is_zero(b):
+        return f"divides by 0 in every cycle; {CHANGE}"
+    operands = (a, b)[: ARGUMENTS.get(Op(op), 0)]
+    if operands and op not in SUMS and not any(np.any(form[:-1]) for form in operands):
+        listed = ", ".join(f"{form[-1]:g}" for form in operands)
+        return f"has no finite value in any cycle: {Op(op).name.lower()}({listed}); {CHANGE}"
+    return f"has a coefficient that is not finite; {CHANGE}"
 
 
 def _constant(op: Op, operands: list[float], width: int) -> Floats:

@@ -7,11 +7,12 @@ ADC and a DAC the shortest stands for all.
 from __future__ import annotations
 
 import collections
+import itertools
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
-from hybrid.errors import counted
+from hybrid.errors import counted, known_as
 from hybrid.graph import short_loops
 from hybrid.machine import Machine
 from hybrid.prediction import signal_graph
@@ -115,4 +116,5 @@ def _loop(machine: Machine, path: tuple[str, ...], ways: Ways, words: set[str]) 
     first = whole.index(min(whole))
     turned = (*whole[first:], *whole[:first])
     lag_s = math.fsum(machine.stages[s].tau for s in turned if s in machine.stages)
-    return Loop(turned, lag_s, any(s in words for s in turned))
+    told = tuple(name for name, _ in itertools.groupby(map(known_as, turned)))
+    return Loop(told, lag_s, any(s in words for s in turned))

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
 
-from hybrid.errors import Place
+from hybrid.errors import Place, known_as
 from hybrid.expressions import (
     Binary,
     Call,
@@ -53,7 +53,7 @@ def lost_constants(machine: Machine) -> tuple[str, ...]:
             if abs(held - value) > MOST_LOST * abs(value):
                 where = f"{place}: " if str(place) else ""
                 found[
-                    f"{where}{what} of {word!r} is {value:g}, which its word holds as {held:g}"
+                    f"{where}{what} of {known_as(word)!r} is {value:g}, which its word holds as {held:g}"
                 ] = None
     return tuple(found)
 

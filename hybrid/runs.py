@@ -23,7 +23,7 @@ from hybrid.endings import ending
 from hybrid.engine.linear import DAC_SUFFIX, Overload, Player
 from hybrid.engine.ranges import outside
 from hybrid.engines import check_engine, engine_of, player_of, wants_circuit
-from hybrid.errors import PatchError, counted
+from hybrid.errors import PatchError, counted, known_as
 from hybrid.growth import growth_text
 from hybrid.linearity import NotLinear
 from hybrid.machine import Floats, Machine, Pen
@@ -294,7 +294,7 @@ def _overloads(machine: Machine, found: tuple[Overload, ...]) -> tuple[dict[str,
         scale = to_problem.get(name, scales[name])
         entries.append(
             {
-                "signal": o.signal,
+                "signal": known_as(o.signal),
                 "time_s": o.time_s,
                 "value": o.value_mu * scale,
                 "worst_value": o.worst_mu * scale,

@@ -13,7 +13,7 @@ from enum import IntEnum
 import numpy as np
 import numpy.typing as npt
 
-from hybrid.errors import PatchError, Place
+from hybrid.errors import PatchError, Place, known_as
 from hybrid.expressions import (
     FUNCTIONS,
     Binary,
@@ -417,7 +417,8 @@ class _Builder:
             try:
                 self.step(part)
             except ExpressionError as error:
-                raise PatchError(f"word {part.word!r}: {error}", places[part.word]) from None
+                what = f"word {known_as(part.word)!r}"
+                raise PatchError(f"{what}: {error}", places[part.word]) from None
         for entry in self.kept:
             self.memory.append((self.place[entry.name], self.place[entry.source], 0, 0))
 

@@ -7,6 +7,7 @@ import math
 import numpy as np
 import pytest
 
+from hybrid.cli import main
 from hybrid.compiler import compile_patch
 from hybrid.daveml import read_model
 from hybrid.errors import PatchError
@@ -205,10 +206,10 @@ def test_limits_and_ranges_of_a_model(flown):
     cl = -0.5 * (1.0 + 0.1)
     assert made.record["force"].values[-1] == pytest.approx(cl * 10 * 30 * LBF, rel=16 * EPS)
     kept, told = sorted(made.outside, key=lambda o: o["word"], reverse=True)
-    assert (told["function"], told["argument"], told["action"]) == ("wing:cl", "alpha", "clamped")
+    assert (told["function"], told["argument"], told["action"]) == ("wing.lift", "alpha", "clamped")
     assert told["range"] == [-5.0, 20.0]
     assert told["value"] == pytest.approx(-8.0, rel=4 * EPS)
-    assert (kept["function"], kept["argument"]) == ("wing:speed", "speed")
+    assert (kept["function"], kept["argument"]) == ("wing.speed", "speed")
     assert kept["value"] == pytest.approx(0.3, rel=4 * EPS) and kept["times"] == 3
     assert "asked for speed = 0.3, below 10 (3 times, first at 0 s; clamped)" in made.status_note
     made = flown(v=200 * FT)  # the table goes on beyond its highest speed
@@ -424,3 +425,92 @@ def test_units_of_the_standard(text, expected):
 @pytest.mark.parametrize("text", ["", "_", "furlong", "ft__s", "ft_", "degC", "lb", "nim_h"])
 def test_what_is_no_unit_of_the_standard(text):
     assert unit_text(text) is None
+
+
+# --- what messages call a variable ----------------------------------------------------------------
+
+LOOPED = """\
+title: Model in a loop
+parameters: {half: 0.5 deg, v: 50 ft/s}
+models:
+  wing:
+    file: wing.dml
+    inputs: {angleOfAttack: s * half, v: v}
+analog: {x: {integrate: {u: 1 1/s}, initial: 0.1, full_scale: 1}}
+interface:
+  s: {adc: x}
+  u: {dac: w, full_scale: 1000, initial: 0}
+digital:
+  period: 10 ms
+  program: {w: -wing.twist}
+run: {until: 1 s}
+"""
+HALF = "<times/><cn>0.5</cn><ci>alpha</ci>"
+
+
+def told(tmp_path, capsys, *command, model=MODEL, patch=LOOPED):
+    (tmp_path / "wing.dml").write_text(model, encoding="utf-8")
+    (tmp_path / "a.yaml").write_text(patch, encoding="utf-8")
+    verb, *options = command
+    code = main([verb, str(tmp_path / "a.yaml"), *options])
+    out, err = capsys.readouterr()
+    assert "wing:" not in out + err
+    return code, out, err
+
+
+@pytest.mark.parametrize(
+    ("calculation", "says"),
+    [
+        (
+            "<divide/><cn>0.5</cn><cn>0</cn>",
+            "wing.dml:10: word 'wing.twist': '0.5/0' has no finite",
+        ),
+        ("<divide/><ci>alpha</ci><ci>cl</ci>", "wing.dml:9: word 'wing.lift' is not linear"),
+    ],
+)
+def test_messages_name_a_variable_as_the_program_reads_it(tmp_path, capsys, calculation, says):
+    """By its name in the file, not by what arithmetic calls it inside; with its line in the file."""
+    model = MODEL.replace(HALF, calculation).replace(' minValue="10"', "")
+    code, _, err = told(tmp_path, capsys, "predict", model=model)
+    assert (code, err.count("\n")) == (2, 1) and says in err
+
+
+def test_loops_runs_and_moves_name_variables_alike(tmp_path, capsys):
+    _, out, _ = told(tmp_path, capsys, "check", "--no-trial")
+    assert "s -> wing.angleOfAttack -> wing.twist -> w -> u -> x" in out
+    code, _, err = told(tmp_path, capsys, "check", "--no-trial", "--on", "analog")
+    assert code == 2 and "word 'wing.twist' is of a model, which has no analog form" in err
+    fixed = LOOPED.replace("period: 10 ms", "period: 10 ms\n  word: {fixed: 16, full_scale: 10}")
+    fixed = fixed.replace("{w: -wing.twist}", "{w: -wing.twist, force: wing.force}")
+    folder = ["--no-chart", "--out", str(tmp_path)]
+    code, out, _ = told(tmp_path, capsys, "run", *folder, patch=fixed)
+    assert code == 1 and "wing.speed does not fit into its word" in out
+    pole = MODEL.replace(
+        HALF, "<divide/><cn>0.5</cn><apply><minus/><ci>alpha</ci><ci>alpha</ci></apply>"
+    )
+    pole = pole.replace(' maxValue="3"', "")  # which would hold what is infinite
+    code, out, _ = told(tmp_path, capsys, "run", *folder, model=pole)
+    assert code == 1 and "no finite number for wing.twist, w (" in " ".join(out.split())
+
+
+def test_names_that_are_no_words_or_come_twice_are_read_by_their_id():
+    """A name that two variables have stands for neither; nor does one of several words."""
+    text = MODEL.replace('name="lift" varID', 'name="span" varID').replace(
+        'name="twist" varID', 'name="a twist" varID'
+    )
+    model = read_model(text, "wing.dml", "w")
+    assert dict(model.words) == {
+        "alpha": "angleOfAttack",
+        "v": "speed",
+        "b": "b",
+        "cl": "cl",
+        "twist": "twist",
+        "f": "force",
+    }
+    # An id that is the name of another is not that other: find() goes by names first.
+    swapped = MODEL.replace('name="lift" varID="cl"', 'name="x y" varID="speed"').replace(
+        "> cl <", ">speed<"
+    )
+    model = read_model(swapped.replace('varID="cl"', 'varID="speed"'), "wing.dml", "w")
+    assert model.find("speed").id == "v" and len(set(model.words.values())) == len(model.words)
+    assert model.words["v"] == "speed"

@@ -61,7 +61,7 @@ def test_loops_through_a_model_are_found(tmp_path):
     (tmp_path / "m.yaml").write_text(PATCH)
     found = hybrid.check(tmp_path / "m.yaml", trial=False).loops
     (loop,) = found.listed
-    assert set(loop.path) == {"level", "seen", "m:x", "m:y", "m.y", "word", "push"} and loop.sampled
+    assert set(loop.path) == {"level", "seen", "m.x", "m.y", "word", "push"} and loop.sampled
 
 
 def test_a_check_prints_no_empty_tables(capsys):

@@ -7,7 +7,7 @@ import pytest
 import xarray as xr
 from matplotlib.image import imread
 
-from hybrid.charts.plotter import Pair, parse_pair, with_pens, xy_plot
+from hybrid.charts.plotter import Pair, check_pairs, parse_pair, with_pens, xy_plot
 from hybrid.cli import main
 from hybrid.errors import HybridError, RunError
 from hybrid.patchfile import parse_patch
@@ -172,6 +172,7 @@ class TestOption:
     def test_reads_pairs(self):
         assert parse_pair("x:y", "xy") == Pair("x", "y")
         assert parse_pair(" x : y : 20 ms", "xy") == Pair("x", "y", 0.02)
+        assert parse_pair("x:y:0s", "xy") == parse_pair("x:y:0", "xy") == Pair("x", "y")
 
     @pytest.mark.parametrize(
         ("text", "said"),
@@ -181,11 +182,20 @@ class TestOption:
             ("x:y:", "must be X:Y"),
             ("x:yy", "did you mean 'y'"),
             ("x:y:3 m", "must be a time"),
+            ("x:y:-1s", r"--xy 'x:y:-1s': TIME is -1 s; it must be 0 or greater"),
+            ("x:y:1s:2", r"--xy 'x:y:1s:2': TIME is '1s:2': cannot read the unit"),
         ],
     )
     def test_mistakes(self, text, said):
         with pytest.raises(HybridError, match=said):
             parse_pair(text, ["x", "y"])
+
+    def test_a_pen_that_comes_down_too_late_is_told_before_the_run(self):
+        check_pairs([Pair("x", "y", 1.0)], 1.0)
+        with pytest.raises(
+            RunError, match=r"for x:y would come down at 1\.5 s, after the run's end at 1 s"
+        ):
+            check_pairs([Pair("y", "x"), Pair("x", "y", 1.5)], 1.0)
 
     def test_what_is_plotted_is_recorded(self):
         patch, pairs = with_pens(parse_patch(CIRCLE), ["x:y"])

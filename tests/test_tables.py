@@ -258,6 +258,24 @@ def test_a_table_from_a_file_beside_the_patch(beside, monkeypatch):
             "mach has 1 breakpoint; a table needs 2",
         ),
         ("0.9, 5, 0.6", "0.9, 5 m, 0.6", 8, "'5 m' must be a pure number"),
+        (
+            "0.9, 5, 0.6, -0.05",
+            "0.9; 5; 0.6; -0.05",
+            8,
+            "kept apart by semicolons; keep them apart by",
+        ),
+        (SHEET, "mach;alpha;cl\n0,1;0;1\n", 1, "kept apart by semicolons"),
+        (SHEET, "mach\talpha\tcl\n0.1\t0\t1\n", 1, "kept apart by tabs"),
+        (
+            "0.9, 5, 0.6, -0.05",
+            '0.9, 5, 0.6,"-0.05',
+            8,
+            "a quotation mark opens a cell that has no end",
+        ),
+        ("0.9, 10, 0.9, -0.06", '0.9, 10, 0.9,"-0.06', 9, "a quotation mark opens a cell"),
+        ("0.9, 5, 0.6, -0.05", '0.9,"5\n",0.6,-0.05', 8, "a quotation mark opens a cell"),
+        ("0.9, 5, 0.6, -0.05", '0.9,"5"0,0.6,-0.05', 8, "not a CSV file: ',' expected after '\"'"),
+        ("0.9, 5, 0.6", "0.9, 5, 0\0.6", 8, "a NUL byte, which no text has; take it out"),
     ],
 )
 def test_what_is_wrong_in_a_file_is_told_with_its_line(beside, old, new, line, said):

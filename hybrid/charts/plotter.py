@@ -128,7 +128,8 @@ def parse_pair(text: str, signals: Collection[str]) -> Pair:
     for name in (x.strip(), y.strip()):
         if name not in signals:
             raise RunError(f"--xy: no signal {quoted(name)}; {did_you_mean(name, signals)}")
-    down = parse_duration(time.strip(), "--xy").number({}) if timed else 0.0
+    what = f"--xy {quoted(text)}: TIME"
+    down = parse_duration(time.strip(), what, or_zero=True).number({}) if timed else 0.0
     return Pair(x.strip(), y.strip(), down)
 
 
@@ -141,6 +142,16 @@ def with_pens(patch: Patch, texts: Sequence[str]) -> tuple[Patch, tuple[Pair, ..
     if patch.record:  # one that names no signals records them all
         patch = replace(patch, record=tuple(dict.fromkeys((*patch.record, *wanted))))
     return patch, pairs
+
+
+def check_pairs(pairs: Sequence[Pair], until_s: float) -> None:
+    """Raise RunError where a run ends before a pen comes down."""
+    for pair in pairs:
+        if pair.pen_down_from_s > until_s:
+            raise RunError(
+                f"--xy: the pen for {pair.x}:{pair.y} would come down at "
+                f"{pair.pen_down_from_s:g} s, after the run's end at {until_s:g} s"
+            )
 
 
 def save_plots(record: Recorded, pairs: Sequence[Pair], stem: Path) -> list[str]:

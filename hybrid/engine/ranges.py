@@ -9,6 +9,7 @@ import numpy as np
 
 from hybrid.engine.helper_functions import ARGUMENT, TIMES, VALUE
 from hybrid.engine.linear import Player
+from hybrid.errors import known_as
 from hybrid.scale import to_seconds
 from hybrid.tables import ACTIONS, ENDLESS, STOPS
 from hybrid.tape import Site
@@ -37,8 +38,8 @@ class Outside:
     def facts(self) -> dict[str, Any]:
         """For JSON and the record."""
         return {
-            "function": self.site.function,
-            "word": self.site.word,
+            "function": known_as(self.site.function),
+            "word": known_as(self.site.word),
             "argument": self.site.arguments[self.argument],
             "value": self.value,
             "range": list(self.range),
@@ -51,8 +52,8 @@ class Outside:
     def __str__(self) -> str:
         site, unit = self.site, self.site.units[self.argument]
         asked = (
-            f"{site.function} in word {site.word!r} was asked for {site.arguments[self.argument]} = "
-            f"{beyond_text(self.value, unit, *self.range)}"
+            f"{known_as(site.function)} in word {known_as(site.word)!r} was asked for "
+            f"{site.arguments[self.argument]} = {beyond_text(self.value, unit, *self.range)}"
         )
         if self.action == STOPS:
             return asked

@@ -9,7 +9,7 @@ from __future__ import annotations
 from collections.abc import Collection, Mapping
 from dataclasses import replace
 
-from hybrid.errors import PatchError, Place
+from hybrid.errors import PatchError, Place, known_as
 from hybrid.expressions import (
     ExpressionError,
     Name,
@@ -125,8 +125,9 @@ class Crossings:
         if len(lengths) > 1:
             kind = "dac" if self.where[name] == DIGITAL else "adc"
             raise PatchError(
-                f"{name!r} is on the {self.where[name]} machine and read by the other, and the patch's "
-                f"converters have different bits; add one to interface: name: {{{kind}: {name}, ...}}",
+                f"{known_as(name)!r} is on the {self.where[name]} machine and read by the other, and "
+                "the patch's converters have different bits; add one to interface: "
+                f"name: {{{kind}: {known_as(name)}, ...}}",
                 place,
             )
         bits = next(iter(lengths), None)
@@ -192,10 +193,16 @@ class Crossings:
 
     def scale(self, name: str) -> FullScale:
         """The full scale that a signal or word has on the analog machine."""
+        if name in self.words and self.words[name].hidden:
+            raise PatchError(
+                f"word {known_as(name)!r} is of a model, which has no analog form; keep what reads it "
+                "on the digital machine",
+                self.place(name),
+            )
         if name not in self.full_scales:
             raise PatchError(
-                f"word {name!r} is read by or put on the analog machine, where it needs a full scale; "
-                f"add digital: full_scales: {{{name.rpartition('.')[2]}: VALUE}}",
+                f"word {known_as(name)!r} is read by or put on the analog machine, where it needs a "
+                f"full scale; add digital: full_scales: {{{name.rpartition('.')[2]}: VALUE}}",
                 self.place(name),
             )
         return self.full_scales[name]

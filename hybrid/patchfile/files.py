@@ -49,6 +49,9 @@ class Files:
             )
         self.hashes[path.text] = hashlib.sha256(content).hexdigest()
         shown = one_line(str(file_path))
+        if b"\0" in content and not content.startswith((b"\xff\xfe", b"\xfe\xff")):
+            line = content.count(b"\n", 0, content.index(b"\0")) + 1
+            raise PatchError("a NUL byte, which no text has; take it out", Place(shown, line))
         try:
             return shown, content.decode("utf-8-sig")
         except UnicodeDecodeError as error:

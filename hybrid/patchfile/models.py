@@ -216,15 +216,15 @@ def _watched(inside: Node, expr: Node, variable: Variable, use: ModelUse) -> Nod
 
 def check_input(book: Book, word: str, found: Dimension | None) -> None:
     """Refuse an input of a model that is connected to what is in other units."""
-    name, _, id_ = word.partition(":")
-    if found is None or found.is_pure or not id_:
+    name, _, inside = word.partition(":")
+    if found is None or found.is_pure or not inside:
         return
     use = book.models[name]
-    variable = use.model.variables[id_]
+    variable = use.model.variables[use.model.ids[inside]]
     if variable.expr is None:
         _, due, unit = use.scale(variable)
         raise PatchError(
             f"input {variable.name!r} of model {name!r} is connected to what is "
             f"{in_words(found * due)}; it must be {in_words(due, unit)}",
-            use.inputs[id_].place,
+            use.inputs[variable.id].place,
         )

@@ -51,7 +51,7 @@ def _refuse_mixed_frequency(text: str, parameter: Parameter, given: str, place: 
         )
 
 
-def parse_duration(text: str, what: str) -> Value:
+def parse_duration(text: str, what: str, *, or_zero: bool = False) -> Value:
     """A time greater than zero, such as "20 s", given outside a patch; `what` names it in messages."""
     try:
         if text.strip() and not is_constant(parse(text.strip())):
@@ -61,4 +61,4 @@ def parse_duration(text: str, what: str) -> Value:
     value, dimension = value_of(Text(text.strip(), Place()), what, {})
     if not fits(text, dimension, TIME):
         raise PatchError(f"{what} is {quoted(text)}; it must be a time, such as 20 s")
-    return replace(value, positive=True, unit=str(TIME))
+    return replace(value, positive=not or_zero, not_negative=or_zero, unit=str(TIME))

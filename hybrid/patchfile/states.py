@@ -6,7 +6,7 @@ from collections.abc import Callable, Mapping
 from dataclasses import replace
 
 from hybrid.dimensions import dimension_of
-from hybrid.errors import PatchError, Place, quoted
+from hybrid.errors import PatchError, Place, known_as, quoted
 from hybrid.expressions import ExpressionError, Node, next_names
 from hybrid.fields import Fields, in_words, table_of, value_of
 from hybrid.formulas import DEFAULT_FORMULA, FORMULAS
@@ -110,7 +110,7 @@ def settle_dimensions(
     for _ in range(len(states) + programs + 1):
         before = dict(scope)
         for word, assignment in written.items():
-            found = _dimension(assignment.expr, scope, f"word {word!r}", assignment.place)
+            found = _dimension(assignment.expr, scope, f"word {known_as(word)!r}", assignment.place)
             check(word, found)
             scope[word] = found if found is not None else scope[word]
         for name, state in states.items():

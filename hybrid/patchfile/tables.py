@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import csv
 import itertools
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -34,6 +34,7 @@ from hybrid.units import (
 from hybrid.yamltree import Text, Tree, kind_of
 
 _KEYS = {key.name: key for key in TABLE_KEYS}
+UNCLOSED = "a quotation mark opens a cell that has no end on its line; close it, or leave it out"
 
 
 @dataclass(frozen=True, slots=True)
@@ -116,7 +117,8 @@ def _column(name: str, tree: Tree | None, fields: Fields) -> _Column:
     try:
         unit, _, dimension = unit_of(f"1 {tree.text}")
     except UnitError as error:
-        raise PatchError(f"{fields.what}: unit of {quoted(name)}: {error}", tree.place) from None
+        told = f"{fields.what}: unit of {quoted(name)}: {error}; of a pure number it is 1"
+        raise PatchError(told, tree.place) from None
     return _Column(name, unit, dimension)
 
 
@@ -209,13 +211,17 @@ def _sheet(
     lines: list[int] = []
     headings: list[str] = []
     met: dict[tuple[int, str], float] = {}  # breakpoints come again and again
-    reader = csv.reader(text.splitlines())
+    reader, read = csv.reader(text.splitlines(), strict=True), 0
     try:
         for cells in reader:
-            place = Place(file, reader.line_num)
+            place, before, read = Place(file, reader.line_num), read, reader.line_num
+            if read > before + 1:
+                raise PatchError(UNCLOSED, Place(file, before + 1))
             cells = [cell.strip() for cell in cells]
             if not any(cells) or cells[0].startswith("#"):
                 continue
+            if len(cells) == 1 or (wanted and len(cells) != len(headings)):
+                _refuse_other_commas(cells, place)
             if not wanted:
                 wanted, headings = _wanted(cells, fields, inputs, output, place), cells
                 continue
@@ -231,12 +237,25 @@ def _sheet(
             rows.append(tuple(met[i, cells[i]] for i, _ in wanted))
             lines.append(reader.line_num)
     except csv.Error as error:
-        raise PatchError(f"not a CSV file: {error}", Place(file, reader.line_num)) from None
+        open_ = "unexpected end" in str(error)
+        told = UNCLOSED if open_ else f"not a CSV file: {error}"
+        raise PatchError(told, Place(file, read + 1 if open_ else reader.line_num)) from None
     if not rows:
         raise PatchError(
             "no rows; give a line of headings and a row for each value", Place(file, 1)
         )
     return _Sheet(file, rows, lines)
+
+
+def _refuse_other_commas(cells: Sequence[str], place: Place) -> None:
+    """Raise PatchError for a row whose cells something else than commas keeps apart."""
+    for mark, name in ((";", "semicolons"), ("\t", "tabs")):
+        if any(mark in cell for cell in cells):
+            raise PatchError(
+                f"cells are kept apart by {name}; keep them apart by commas, and write numbers with a "
+                "point: 0.5",
+                place,
+            )
 
 
 def _wanted(
