@@ -10,7 +10,7 @@ from __future__ import annotations
 import functools
 import math
 from collections.abc import Iterator, Mapping
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -58,6 +58,31 @@ def _laid_out(
     return _CircuitLayout(patch, dict(scope), dict(stages)).build_circuit()
 
 
+@dataclass(slots=True)
+class _Made:
+    """What was made last of a component, and all the figures that it was made of."""
+
+    of: tuple[object, ...]
+    given: Given
+    core: Core
+    gates: frozenset[str] = frozenset()
+    elements: Elements = ()
+
+
+@dataclass(frozen=True)
+class _Bench:
+    """The runs of a batch differ in few figures: what does not depend on those is made once."""
+
+    uses: dict[str, tuple[tuple[str, ...], tuple[str, ...]]]  # parameters, signals read
+    made: dict[str, _Made]
+
+
+@functools.lru_cache(maxsize=16)
+def _bench(patch: Patch) -> _Bench:
+    uses = {c.name: (c.parameters, c.sources) for c in patch.components}
+    return _Bench(uses, {})
+
+
 class _CircuitLayout(AnalogLayout):
     """Elements by name; an element of a linear kind comes from its core."""
 
@@ -65,12 +90,31 @@ class _CircuitLayout(AnalogLayout):
         self, patch: Patch, scope: Mapping[str, float], stages: Mapping[str, OutputStage]
     ) -> None:
         self.given: dict[str, Given] = {}
+        self.bench, self.made = _bench(patch), dict[str, _Made]()
         super().__init__(patch, scope, stages)
         modes = patch.modes
         controls = {s for component in patch.components for s in component.controls}
         controls |= {s for s in (modes.reset_when, modes.hold_when) if s} if modes else set()
         # Sources that control something: it follows their edges at once, without their lag.
-        self.gates = {name for name, core in self.cores.items() if core.steps} & controls
+        self.gates = frozenset(name for name, core in self.cores.items() if core.steps) & controls
+
+    def _core(self, component: Component, scope: Mapping[str, float]) -> Core:
+        """The same, kept while nothing that it depends on is another."""
+        name, scale = component.name, self.scale
+        parameters, sources = self.bench.uses[name]
+        of = (
+            *(scope[p] for p in parameters),
+            scale[name],
+            *(scale[s] for s in sources),
+            self.stages[name],
+        )
+        made = self.bench.made.get(name)
+        if made is None or made.of != of:
+            core = super()._core(component, scope)
+            made = _Made(of, self.given[name], core)
+            self.bench.made[name] = made
+        self.made[name], self.given[name] = made, made.given
+        return made.core
 
     def given_to(self, component: Component, scope: Mapping[str, float]) -> Given:
         """The same, kept for the component's elements."""
@@ -97,7 +141,7 @@ class _CircuitLayout(AnalogLayout):
             np.full(count, math.nan),
             (),
         )
-        found = [pair for name in self.signals for pair in self._elements(name)]
+        found = [pair for name in self.signals for pair in self._kept_elements(name)]
         return analog, self.steps(inputs), (*self._mode_elements(), *found)
 
     @property
@@ -179,6 +223,15 @@ class _CircuitLayout(AnalogLayout):
         """Signals that a component reads at the same instant."""
         component = self.components[name]
         return sorted({*component.sources, *component.controls})
+
+    def _kept_elements(self, name: str) -> Elements:
+        """The elements of a signal, those made last where its figures are the same."""
+        made = self.made.get(name)
+        if made is None:  # a DAC
+            return tuple(self._elements(name))
+        if not made.elements or made.gates != self.gates:
+            made.gates, made.elements = self.gates, tuple(self._elements(name))
+        return made.elements
 
     def _elements(self, name: str) -> Iterator[tuple[str, Element]]:
         """The hidden element of a signal, if it has one, and its own."""

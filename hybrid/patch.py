@@ -91,6 +91,13 @@ class Component:
         return tuple(s for s in (self.control, self.reset_when, self.hold_when) if s)
 
     @property
+    def parameters(self) -> tuple[str, ...]:
+        """Parameters that its own figures depend on, but for its errors, sorted."""
+        values = [value for _, value in self.terms]
+        values += [*self.values.values(), *itertools.chain.from_iterable(self.points)]
+        return tuple(sorted(frozenset[str]().union(*(names(value.expr) for value in values))))
+
+    @property
     def sources(self) -> tuple[str, ...]:
         """Every signal it reads, sorted; the machine's mode is none."""
         initial = (self.initial_signal,) if self.initial_signal else ()
@@ -379,15 +386,10 @@ class Patch:
     @functools.cached_property
     def analog_parameters(self) -> tuple[str, ...]:
         """Parameters that the analog side depends on, sorted."""
-        values: list[Value] = []
-        for component in self.components:
-            values += [value for _, value in component.terms]
-            values += component.values.values()
-            values += itertools.chain.from_iterable(component.points)
-        for part in self.analog_parts:
-            values.append(part.full_scale)
+        values = [part.full_scale for part in self.analog_parts]
         values += [dac.initial for dac in self.dacs]
-        return tuple(sorted(frozenset[str]().union(*(names(value.expr) for value in values))))
+        own = (component.parameters for component in self.components)
+        return tuple(sorted(frozenset().union(*(names(value.expr) for value in values), *own)))
 
     @property
     def leaves_op(self) -> bool:
