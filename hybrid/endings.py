@@ -45,11 +45,11 @@ def ending(player: Player) -> tuple[str, str]:
             f"stopped at {player.done_s:.9g} s: {known_as(words[-1])} does not fit into its word, whose "
             "overflow is to stop the run"
         )
-    if player.outcome == kernel.CHATTERS:
-        return "stopped", (
-            f"stopped at {player.done_s:.6g} s: a comparator or limiter chatters: give it hysteresis, "
-            "or what it drives a lag"
+    if player.outcome in (kernel.CHATTERS, kernel.GATHERS):
+        why = player.why_ended or (
+            "a comparator or limiter chatters: give it hysteresis, or what it drives a lag"
         )
+        return "stopped", f"stopped at {player.done_s:.9g} s: {why}"
     if player.outcome == kernel.NOT_RESOLVED:
         return "stopped", f"stopped at {player.done_s:.6g} s: the signals change too fast to follow"
     if player.outcome == kernel.OUTSIDE:

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 import numpy.typing as npt
@@ -52,6 +53,8 @@ class OutputStage:
     saturation: float = math.inf  # the output stays within
     step_mu: float = 0.0  # one code of a DAC; 0: not quantised
     pot_resolution: float = 0.0  # step of the settings of its potentiometers; 0: any setting
+    tolerance: float = 0.0  # the gain was drawn within 1 +- this
+    offset_limit: float = 0.0  # and the offset within this, beside what is given
 
 
 @dataclass(frozen=True, slots=True)
@@ -195,6 +198,27 @@ class Machine:
     def on_overload(self) -> int:
         """What the first overload does: one of those in `modes`."""
         return ON_OVERLOAD[self.patch.run.on_overload]
+
+    @cached_property
+    def logic(self) -> frozenset[str]:
+        """Comparators whose levels lie within their full scale: no overload indicator watches them.
+
+        What they give is a logic level; that it is off by tolerance and noise overloads nothing.
+        """
+        scope, scales = (
+            self.parameters,
+            dict(zip(self.analog.signals, self.analog.full_scale, strict=True)),
+        )
+        return frozenset(
+            c.name
+            for c in self.patch.components
+            if c.kind == "compare"
+            and all(
+                abs(c.values[level].number(scope)) <= scales[c.name] * (1.0 + 1e-12)
+                for level in ("high", "low")
+                if level in c.values
+            )
+        )
 
     @property
     def has_modes(self) -> bool:

@@ -113,6 +113,8 @@ def _seen(
         if name != overload.signal and any(h.name == name and h.clips for h in machine.holders):
             held_back.add(name)
         largest[name] = max(largest[name], abs(overload.worst_mu))
+    for name in machine.logic:  # levels: what tolerance adds to them needs no range
+        largest[name] = min(largest[name], 1.0)
     for name, value in largest.items():
         if value >= AT_SATURATION * machine.stages[name].saturation:
             held_back.add(name)

@@ -239,8 +239,7 @@ run: {until: 1 s, every: 0.4 s}
     # x falls from 0.1 at 100 a second.
     assert result.status == "stopped"
     assert result.status_note == (
-        "stopped at 0.001 s: a comparator or limiter chatters: give it hysteresis, "
-        "or what it drives a lag"
+        "stopped at 0.001 s: relay chatters: give it hysteresis, or what it drives a lag"
     )
 
 

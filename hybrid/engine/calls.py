@@ -10,8 +10,8 @@ from collections import deque
 import numpy as np
 
 from hybrid.engine.kernel import Floats, Ints
-from hybrid.engine.relaxation import CHATTER_EVENTS, CHATTER_LAGS, CHATTER_S
 from hybrid.engine.sweep import CALLED, FALLS, HAPPENED, RISES, WANTED, State
+from hybrid.engine.switching import CHATTER_EVENTS, CHATTER_LAGS, CHATTER_S
 from hybrid.machine import Machine
 from hybrid.scale import to_ticks
 

@@ -259,13 +259,15 @@ def lay_out(
 ) -> Circuit:
     """The rows of a `Circuit` for elements in this order."""
     row = [elements[name] for name in order]
-    frame = _frame(tuple(order), tuple(inputs), ranges, tuple(_shape(e) for e in row))
+    corners = [_corners(e) for e in row]
+    shapes = tuple(_shape(e, found) for e, found in zip(row, corners, strict=True))
+    frame = _frame(tuple(order), tuple(inputs), ranges, shapes)
     figures = [
         (e.constant, e.second_constant, e.gain, e.offset, *e.figures, 0.0, 0.0, 0.0)[:7]
         for e in row
     ]
     gains = [gain for e in row for terms in (e.first, e.second) for gain in terms.values()]
-    pieces = [p for e in row for _, found, _ in _corners(e) for p in found]
+    pieces = [p for found in corners for _, these, _ in found for p in these]
     return frame._replace(
         figures=np.array(figures, dtype=float).reshape(-1, 7),
         gain=np.array(gains, dtype=float),
@@ -276,12 +278,14 @@ def lay_out(
 
 # What an element has beside its gains, constants and first values.
 Shape = tuple[Any, ...]
+# What a corner guards, its pieces, and the piece it begins in.
+Corner = tuple[int, Sequence[tuple[float, ...]], int]
 _KIND, _FIRST, _SECOND, _CONTROL, _RESET, _HOLD, _LAG_S, _NOISE, _LOUD, _FEEDBACK, _CORNERS = range(
     11
 )
 
 
-def _shape(e: Element) -> Shape:
+def _shape(e: Element, corners: Sequence[Corner]) -> Shape:
     """What decides where the figures of an element stand; runs of one patch mostly share it."""
     return (
         e.kind,
@@ -294,13 +298,13 @@ def _shape(e: Element) -> Shape:
         e.noise,
         e.loud,
         e.figures[0] if e.kind == INTEGRATE and e.figures else 0.0,
-        tuple((role, len(pieces), first) for role, pieces, first in _corners(e)),
+        tuple((role, len(pieces), first) for role, pieces, first in corners),
     )
 
 
-def _corners(e: Element) -> list[tuple[int, Sequence[tuple[float, ...]], int]]:
+def _corners(e: Element) -> list[Corner]:
     """What each corner guards, its pieces, and the piece it begins in."""
-    found: list[tuple[int, Sequence[tuple[float, ...]], int]] = []
+    found: list[Corner] = []
     if e.kind == INTEGRATE:
         limits = _integrator_limits(e)
         if limits is not None:

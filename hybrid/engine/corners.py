@@ -350,6 +350,10 @@ def leaves(
         slack = max(slack, SLACK * abs(low))
     if high < math.inf:
         slack = max(slack, SLACK * abs(high))
+    # Right after an event it may still be beyond by what locating left, and is on its way in.
+    beyond = _beyond(start, low, high)
+    if beyond < SLACK_AT_REST * max(1.0, abs(start)):
+        slack = max(slack, beyond)
     before = 0.0
     for k in range(q):
         middle = grid.between[k, 0] * start
@@ -375,8 +379,11 @@ def locate(
     f, h = g_before - bound, g_after - bound
     if before == 0.0:
         f = start - bound
-    if f * h > 0.0 or f == 0.0:  # on the bound from the beginning, to rounding
-        return before
+    if f * h > 0.0 or abs(f) <= SLACK * max(1.0, abs(bound)):  # on the bound from the beginning
+        inside = _inside(grid, start, guard, bound, h, before, after)
+        if inside == before:
+            return before
+        before, f = inside, _guard_at(grid, start, guard, inside) - bound
     side = 0
     for _ in range(80):
         at = after - h * (after - before) / (h - f)
@@ -394,6 +401,23 @@ def locate(
                 h *= 0.5
             side = -1
     return after
+
+
+@compiled
+def _inside(
+    grid: Nodes, start: float, guard: Floats, bound: float, h: float, before: float, after: float
+) -> float:
+    """Where a guard that begins on its bound is inside of it, before it leaves; `before` if nowhere.
+
+    A jump may have turned it back; where windows are long it is out again at the first place looked at.
+    """
+    slack, width = SLACK * max(1.0, abs(bound)), after - before
+    for _ in range(60):
+        width *= 0.5
+        g = _guard_at(grid, start, guard, before + width) - bound
+        if g * h < 0.0 and abs(g) > slack:
+            return before + width
+    return before
 
 
 @compiled

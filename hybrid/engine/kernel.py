@@ -127,8 +127,9 @@ TIMES, FIRST_REPEAT, FIRST_INSTANT, WORST_REPEAT, WORST_INSTANT, LAST = range(6)
 # WAITING: no propagators, so the caller must advance the analog side or let it follow a jump.
 # OUTSIDE: a function of the program was asked beyond its range and is to stop the run there.
 # CALLED: a comparator has switched that starts a task; what is due next must be laid out anew.
+# GATHERS: a comparator switches at ever shorter intervals, which add up to a finite time.
 DONE, PAUSED, RUNAWAY, NOT_FINITE, WAITING, CHATTERS, NOT_RESOLVED, OVERLOADED = range(8)
-OUTSIDE, OVERFLOWED, CALLED = 8, 9, 10
+OUTSIDE, OVERFLOWED, CALLED, GATHERS = 8, 9, 10, 11
 
 # Beyond this many machine units a run means nothing any more and soon overflows.
 RUNAWAY_MU = 1e12

@@ -154,6 +154,11 @@ class Player:
         """What the engine may have erred by, of full scale; None where it rounds alone or cannot say."""
         return None
 
+    @property
+    def why_ended(self) -> str:
+        """Which part ended the run by how it switches; '' where none is known to have."""
+        return ""
+
     def remarks(self) -> tuple[str, ...]:
         """What else is to be said of the run."""
         return ()

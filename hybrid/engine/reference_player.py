@@ -153,5 +153,6 @@ class ReferencePlayer(CircuitPlayer):
         found += [
             Overload(signals[i], first_s, value, worst, worst_s, int(steps), float(lasts_s))
             for i, (first_s, value, worst, worst_s, steps, lasts_s) in self.beyond.overloads.items()
+            if signals[i] not in self.machine.logic
         ]
         return tuple(sorted(found, key=lambda o: (o.time_s, o.signal)))

@@ -18,7 +18,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from hybrid.engine.circuit import FIRST_PIECE, HIGH, LAG, LOW, OWNER, Circuit
+from hybrid.engine.circuit import FIRST_PIECE, HIGH, LOW, Circuit
 from hybrid.engine.compiling import compiled
 from hybrid.engine.corners import Log, change_piece, first_exit, leaves, locate, settle
 from hybrid.engine.handover import accept, guess
@@ -31,21 +31,17 @@ from hybrid.engine.sweep import (
     AFTER_EVENT,
     AFTER_INPUT,
     CALLED,
+    ENDED_BY,
     EVENTS,
     FIRST_S,
     FIRST_VALUE,
-    FROM_S,
     FROZEN,
-    IN_A_ROW,
     KNOWN,
-    LAST_S,
     LENGTH,
-    MOST,
     NEXT,
     ON_OVERLOAD,
     OVERLOAD_S,
     ROWS,
-    SINCE_S,
     STARTED,
     TIMES,
     WORST_S,
@@ -53,21 +49,17 @@ from hybrid.engine.sweep import (
     State,
     solve,
 )
+from hybrid.engine.switching import chatters, count_change, gathers
 from hybrid.modes import CONTINUE, STOP_RUN
 
-# Why `advance` came back. SWITCHED: a comparator that starts a task.
-DONE, RUNAWAY, CHATTER, UNRESOLVED, OVERLOADED, SWITCHED = range(6)
+# Why `advance` came back. SWITCHED: a comparator that starts a task. GATHERED: changes of a corner come
+# at ever shorter intervals, and have come too close to each other to be told apart.
+DONE, RUNAWAY, CHATTER, UNRESOLVED, OVERLOADED, SWITCHED, GATHERED = range(7)
 
 # How far from its bound a guard may be at an event, in machine units: below `corners.SLACK_AT_REST`.
 MOST_MISS = 1e-12
 # No window is made shorter.
 SHORTEST_S = 1e-15
-# So many events of one corner within so many of the shortest lag are chatter.
-CHATTER_EVENTS = 64
-CHATTER_LAGS = 4.0
-# Changes that follow each other within so many lags of the part are as fast as loops of lags swing.
-QUICK_LAGS = 16.0
-CHATTER_S = 1e-12
 
 
 class Pen(NamedTuple):
@@ -165,12 +157,15 @@ def advance(
         elif by == 0:
             adapt(state, taus_s, length, tail / rtol, len(grid.marks))
         else:
+            ends = gathers(circuit, state, grid, corner, by, t_s + now, length)
             change_piece(circuit, state, corner, by, now, log)
             settle(circuit, state, state, t_s, now, log, False, 0.0)
             begin_short(state, AFTER_EVENT)
-            _count_change(circuit, state.changes, corner, t_s + now)
-            if _chatters(circuit, state.recent, corner, now):
-                return CHATTER, now
+            count_change(circuit, state.changes, corner, t_s + now)
+            chatter = chatters(circuit, state.recent, corner, now)
+            if ends or chatter:
+                counts[ENDED_BY] = corner
+                return GATHERED if ends else CHATTER, now
         if _lost(state) == RUNAWAY:
             return RUNAWAY, now
         if noise is not None:
@@ -354,34 +349,6 @@ def _record(state: State, grid: Nodes, pen: Pen, end_s: float, length_s: float) 
             pen.values[row, column] = value
         row += 1
     state.counts[ROWS] = row
-
-
-@compiled
-def _chatters(circuit: Circuit, recent: Floats, corner: int, now_s: float) -> bool:
-    """Whether a corner has had too many events without getting on; `recent`: since when, how many."""
-    span = CHATTER_S
-    if circuit.taus_s.shape[0] > 0:
-        span = max(span, CHATTER_LAGS * circuit.taus_s[0])
-    if now_s - recent[corner, 0] > span:
-        recent[corner, 0], recent[corner, 1] = now_s, 0.0
-    recent[corner, 1] += 1.0
-    return bool(recent[corner, 1] > CHATTER_EVENTS)
-
-
-@compiled
-def _count_change(circuit: Circuit, changes: Floats, corner: int, at_s: float) -> None:
-    """Count changes of piece as fast as the lags allow; they are the patch's doing, so all goes on."""
-    lag = circuit.rows[circuit.corners[corner, OWNER], LAG]
-    if lag < 0:
-        return
-    if not at_s - changes[corner, LAST_S] <= QUICK_LAGS / circuit.laws[lag, 0]:
-        changes[corner, IN_A_ROW], changes[corner, SINCE_S] = 0.0, at_s
-    changes[corner, LAST_S] = at_s
-    changes[corner, IN_A_ROW] += 1.0
-    if changes[corner, IN_A_ROW] > CHATTER_EVENTS:
-        if changes[corner, MOST] == 0.0:
-            changes[corner, FROM_S] = changes[corner, SINCE_S]
-        changes[corner, MOST] = max(changes[corner, MOST], changes[corner, IN_A_ROW])
 
 
 @compiled

@@ -25,7 +25,8 @@ from hybrid.engine.circuit import (
     Circuit,
 )
 from hybrid.engine.kernel import Floats
-from hybrid.engine.sweep import FROM_S, MOST
+from hybrid.engine.sweep import ENDED_BY, FROM_S, MOST, SHRUNK, TURNED_S, TURNS, State
+from hybrid.engine.switching import SHRINKING
 from hybrid.errors import PatchError
 from hybrid.machine import Machine
 
@@ -45,6 +46,23 @@ def chattering(circuit: Circuit, names: Sequence[str], changes: Floats) -> tuple
             "changes as fast as the lags allow: give it hysteresis"
         )
     return tuple(found)
+
+
+def ended_by(circuit: Circuit, names: Sequence[str], state: State) -> str:
+    """What the part did that ended the run by how it switches; '' where none did."""
+    corner = int(state.counts[ENDED_BY])
+    if corner < 0:
+        return ""
+    name, _, _ = names[circuit.corners[corner, OWNER]].partition(":")
+    ways = state.changes[corner, TURNED_S:].reshape(-1, TURNS).tolist()
+    turned_s, span_s, ratio, shrunk = max(ways, key=lambda way: way[SHRUNK - TURNED_S])
+    if shrunk < SHRINKING:
+        return f"{name} chatters: give it hysteresis, or what it drives a lag"
+    ends_s = turned_s + span_s * ratio / (1.0 - ratio)
+    return (
+        f"{name} switches at ever shorter intervals, each {ratio:.6g} of the one before, so without end "
+        f"by {ends_s:.9g} s; nothing says what is after that: give it hysteresis, or parts a lag"
+    )
 
 
 def _jumps(circuit: Circuit, corner: int) -> bool:

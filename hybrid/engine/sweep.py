@@ -102,7 +102,7 @@ class State(NamedTuple):
     rungs: Floats  # (2, RUNGS): length of the windows after a jump, see below; 0: not learned
     counts: Ints  # see the constants below
     watched: Ints  # (n,): 1 where an overload may stop the run or hold the machine
-    changes: Floats  # (corners, 5): see the columns below
+    changes: Floats  # (corners, 13): see the columns below
     calls: Ints  # (n, 2): see the columns below
 
 
@@ -114,8 +114,12 @@ X, X_END, DRIVE, DRIVE_END, BEFORE, BEFORE_END, AS = range(7)
 # value and when, how long altogether, in how many windows.
 FIRST_S, FIRST_VALUE, WORST_VALUE, WORST_S, BEYOND_S, TIMES = range(6)
 # Columns of State.changes, of changes of piece: when the last one was; how many have followed each other
-# within a few lags, since when; of those that were too many: from when on, how many at most.
+# within a few lags, since when; of those that were too many: from when on, how many at most. Of changes
+# upward, and TURNS columns further of those downward: when the last one was, the interval before it, its
+# share of the interval before that, and how many such shares in a row were below 1.
 LAST_S, IN_A_ROW, SINCE_S, FROM_S, MOST = range(5)
+TURNED_S, SPAN_S, RATIO, SHRUNK = range(5, 9)
+TURNS = 4
 # Indices into State.clock: time since the last jump, length of windows where no layer lasts, length of
 # the last window; largest error estimate of a window, and their sum for the ends of the windows; when
 # an overload stopped the run or held the machine; length that the last window suggests for the next.
@@ -126,9 +130,10 @@ RUNGS = 8
 # Indices into State.counts: started, last window's points can be used for a guess, windows accepted and
 # rejected, sweeps, events, record rows, windows to wait before the length may grow; what an overload
 # does, whether the machine is in HOLD because of one; what jumped last, AFTER_INPUT or AFTER_EVENT, and
-# the number of the window since; whether a comparator has switched that starts a task.
+# the number of the window since; whether a comparator has switched that starts a task; the corner that
+# ended the run, or -1.
 STARTED, KNOWN, WINDOWS, REJECTED, SWEEPS, EVENTS, ROWS, WAIT = range(8)
-ON_OVERLOAD, FROZEN, JUMPED, RUNG, CALLED = range(8, 13)
+ON_OVERLOAD, FROZEN, JUMPED, RUNG, CALLED, ENDED_BY = range(8, 14)
 # Columns of State.calls, of a comparator that starts tasks: which ways of switching do, and which
 # happened.
 WANTED, HAPPENED = range(2)
@@ -146,6 +151,9 @@ def new_state(circuit: Circuit, q: int = 8) -> State:
     memory[:, AS] = OP
     memory[:, [X, X_END, BEFORE, BEFORE_END]] = circuit.initial[:, :1]
     first_s = 2.0 * circuit.taus_s[0] if len(circuit.taus_s) else math.inf
+    rungs, counts, changes = np.zeros((2, RUNGS)), np.zeros(14, dtype=np.int64), np.zeros((m, 13))
+    rungs[:, 0], counts[ENDED_BY] = first_s, -1
+    changes[:, [LAST_S, TURNED_S, TURNED_S + TURNS]], changes[:, FROM_S] = -math.inf, math.nan
     return State(
         np.zeros(inputs),
         np.full(inputs, np.nan),
@@ -166,10 +174,10 @@ def new_state(circuit: Circuit, q: int = 8) -> State:
         np.zeros((n, 6)),
         np.zeros((len(circuit.noisy), p)),
         np.array([0.0, math.inf, 0.0, 0.0, 0.0, math.nan, first_s]),
-        np.pad(np.full((2, 1), first_s), ((0, 0), (0, RUNGS - 1))),
-        np.zeros(13, dtype=np.int64),
+        rungs,
+        counts,
         np.zeros(n, dtype=np.int64),
-        np.tile((-math.inf, 0.0, 0.0, math.nan, 0.0), (m, 1)),
+        changes,
         np.zeros((n, 2), dtype=np.int64),
     )
 

@@ -25,6 +25,7 @@ from hybrid.engine.nodes import RESOLUTION, Nodes, Shelf, new_shelf, nodes
 from hybrid.engine.noise import Noise, jump, new_noise
 from hybrid.engine.relaxation import (
     CHATTER,
+    GATHERED,
     OVERLOADED,
     RUNAWAY,
     SWITCHED,
@@ -33,13 +34,14 @@ from hybrid.engine.relaxation import (
     no_pen,
 )
 from hybrid.engine.relaxation import Pen as WindowPen
-from hybrid.engine.remarks import chattering, refuse_undefined
+from hybrid.engine.remarks import chattering, ended_by, refuse_undefined
 from hybrid.engine.sweep import (
     DRIVE,
     FROZEN,
     ON_OVERLOAD,
     OVERLOAD_S,
     SUM_OF_ERRORS,
+    TIMES,
     WINDOWS,
     new_state,
 )
@@ -120,6 +122,8 @@ def follow(
         return kernel.RUNAWAY
     if why == OVERLOADED:
         return kernel.OVERLOADED
+    if why == GATHERED:
+        return kernel.GATHERS
     return kernel.CHATTERS if why == CHATTER else kernel.NOT_RESOLVED
 
 
@@ -287,7 +291,7 @@ class CircuitPlayer(Player):
 
     def _analog_side(self, intervals: list[int]) -> Plant:
         """A plant without propagators; the circuit is `side`."""
-        self.side, self.names = _side(self.machine)
+        self.side, self.names = side_of(self.machine)
         self.calls = Calls(self.machine, self.side.place)
         circuit = self.side.circuit
         self.noise = new_noise(circuit, self._normals, NODES) if len(circuit.noisy) else None
@@ -333,15 +337,21 @@ class CircuitPlayer(Player):
         """Parts that chatter."""
         return chattering(self.side.circuit, self.names, self.side.state.changes)
 
+    @property
+    def why_ended(self) -> str:
+        """Which part ended the run by how it switches."""
+        return ended_by(self.side.circuit, self.names, self.side.state)
+
     def overloads(self) -> tuple[Overload, ...]:
         """Converters as the kernel saw them; analog signals as they went between the instants, too."""
         signals = self.machine.analog.signals
         found = [o for o in super().overloads() if o.signal not in signals]
-        overload = (self.noise.truth if self.noise else self.side.state).overload
-        for name, row in zip(signals, overload[self.side.place], strict=True):
-            first_s, first, worst, worst_s, duration_s, times = row.tolist()
-            if times:
-                found.append(Overload(name, first_s, first, worst, worst_s, int(times), duration_s))
+        rows = (self.noise.truth if self.noise else self.side.state).overload[self.side.place]
+        for i in np.flatnonzero(rows[:, TIMES]).tolist():
+            first_s, first, worst, worst_s, duration_s, times = rows[i].tolist()
+            facts = (first_s, first, worst, worst_s, int(times), duration_s)
+            if signals[i] not in self.machine.logic:
+                found.append(Overload(signals[i], *facts))
         return tuple(sorted(found, key=lambda o: (o.time_s, o.signal)))
 
     def _play_to(self, score: Score, normals: Floats, stop_repeat: int, stop_cue: int) -> int:
@@ -366,7 +376,7 @@ class CircuitPlayer(Player):
 
 def settled(machine: Machine) -> tuple[list[float], dict[str, float]]:
     """Every signal at t = 0, in order, and what each integrator integrates then; machine units."""
-    side, names = _side(machine)
+    side, names = side_of(machine)
     settle_loops(side, machine.analog.u0[side.held])
     advance(
         side.circuit,
@@ -386,7 +396,7 @@ def settled(machine: Machine) -> tuple[list[float], dict[str, float]]:
     return values, dict(drives)
 
 
-def _side(machine: Machine) -> tuple[Side, tuple[str, ...]]:
+def side_of(machine: Machine) -> tuple[Side, tuple[str, ...]]:
     """The analog side of a run that has not started, and the names of its elements."""
     builder = Builder()
     inputs = machine.analog.inputs
@@ -398,7 +408,8 @@ def _side(machine: Machine) -> tuple[Side, tuple[str, ...]]:
             held.append(inputs.index(name.removesuffix(":source")))
     circuit, number = builder.build()
     grid, state = nodes(NODES), new_state(circuit, NODES)
-    state.watched[[number[s] for s in machine.analog.signals]] = 1
+    logic = machine.logic
+    state.watched[[number[s] for s in machine.analog.signals if s not in logic]] = 1
     state.counts[ON_OVERLOAD] = machine.on_overload
     side = Side(
         circuit,

@@ -1,0 +1,107 @@
+"""Corners that switch too often: as fast as lags allow, without getting on, or ever faster to an end.
+
+Stage 4. The last is what a ball without lags does that comes to rest: its jumps are infinitely many in
+a finite time. They are followed to where two of them can hardly be told apart; the geometric series that
+the intervals make gives the end.
+"""
+
+from __future__ import annotations
+
+import math
+
+from hybrid.engine.circuit import FIRST_PIECE, HIGH, LAG, LOW, OWNER, Circuit
+from hybrid.engine.compiling import compiled
+from hybrid.engine.kernel import Floats
+from hybrid.engine.nodes import Nodes
+from hybrid.engine.sweep import (
+    FROM_S,
+    IN_A_ROW,
+    LAST_S,
+    MOST,
+    RATIO,
+    SHRUNK,
+    SINCE_S,
+    SPAN_S,
+    TURNED_S,
+    TURNS,
+    State,
+)
+
+# So many events of one corner within so many of the shortest lag are chatter.
+CHATTER_EVENTS = 64
+CHATTER_LAGS = 4.0
+# Changes that follow each other within so many lags of the part are as fast as loops of lags swing.
+QUICK_LAGS = 16.0
+CHATTER_S = 1e-12
+# Intervals each shorter than this share of the one before, so many in a row, are taken to go on so. They
+# are followed until what the guard does between two changes is only so many times what locating misses,
+# and all that is left is well within the shortest lag.
+SHRINKS = 0.9995
+SHRINKING = 3
+LEAST_SWING = 1e-9
+SHARE_OF_LAG = 0.1
+
+
+@compiled
+def chatters(circuit: Circuit, recent: Floats, corner: int, now_s: float) -> bool:
+    """Whether a corner has had too many events without getting on; `recent`: since when, how many."""
+    span = CHATTER_S
+    if circuit.taus_s.shape[0] > 0:
+        span = max(span, CHATTER_LAGS * circuit.taus_s[0])
+    if now_s - recent[corner, 0] > span:
+        recent[corner, 0], recent[corner, 1] = now_s, 0.0
+    recent[corner, 1] += 1.0
+    return bool(recent[corner, 1] > CHATTER_EVENTS)
+
+
+@compiled
+def count_change(circuit: Circuit, changes: Floats, corner: int, at_s: float) -> None:
+    """Count changes of piece as fast as the lags allow; they are the patch's doing, so all goes on."""
+    lag = circuit.rows[circuit.corners[corner, OWNER], LAG]
+    if lag < 0:
+        return
+    if not at_s - changes[corner, LAST_S] <= QUICK_LAGS / circuit.laws[lag, 0]:
+        changes[corner, IN_A_ROW], changes[corner, SINCE_S] = 0.0, at_s
+    changes[corner, LAST_S] = at_s
+    changes[corner, IN_A_ROW] += 1.0
+    if changes[corner, IN_A_ROW] > CHATTER_EVENTS:
+        if changes[corner, MOST] == 0.0:
+            changes[corner, FROM_S] = changes[corner, SINCE_S]
+        changes[corner, MOST] = max(changes[corner, MOST], changes[corner, IN_A_ROW])
+
+
+@compiled
+def gathers(
+    circuit: Circuit,
+    state: State,
+    grid: Nodes,
+    corner: int,
+    by: int,
+    at_s: float,
+    length_s: float,
+) -> bool:
+    """Count a change; whether such changes, up or down, are about to come to an end of their time.
+
+    A guard that falls back as a ball does, at a constant rate, swings by slope * interval / 4.
+    """
+    changes, k, q = state.changes, 0 if by > 0 else TURNS, len(grid.marks)
+    span, before = at_s - changes[corner, TURNED_S + k], changes[corner, SPAN_S + k]
+    ratio = span / before if before > 0.0 else math.inf
+    changes[corner, TURNED_S + k], changes[corner, SPAN_S + k] = at_s, span
+    changes[corner, RATIO + k] = ratio
+    if not 0.0 < ratio < SHRINKS:
+        changes[corner, SHRUNK + k] = 0.0
+        return False
+    changes[corner, SHRUNK + k] += 1.0
+    left_s = span * ratio / (1.0 - ratio)
+    if circuit.taus_s.shape[0] > 0 and left_s > SHARE_OF_LAG * circuit.taus_s[0]:
+        return False
+    # A window of no length has no slope; the way back is looked at, too.
+    if changes[corner, SHRUNK + k] < SHRINKING or not length_s > 0.0:
+        return False
+    slope = grid.slopes[1, q, 0] * state.guard_start[corner]
+    for j in range(q):
+        slope += grid.slopes[1, q, j + 1] * state.guard[corner, j]
+    p = circuit.corners[corner, FIRST_PIECE] + state.piece[corner]
+    bound = circuit.pieces[p, HIGH] if by > 0 else circuit.pieces[p, LOW]
+    return bool(0.25 * abs(slope) / length_s * span < LEAST_SWING * max(1.0, abs(bound)))
