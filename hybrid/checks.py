@@ -13,8 +13,8 @@ from typing import TYPE_CHECKING, Any
 from hybrid import coupling
 from hybrid.arguments import Parameters, Source, machine_of
 from hybrid.components import CATALOG
-from hybrid.elements import INTEGRATE
-from hybrid.equipment import Part, RateRow, count_parts, rate_test
+from hybrid.components.delay import DEFAULT_ORDER, good_to
+from hybrid.equipment import Part, count_parts
 from hybrid.errors import counted
 from hybrid.linearity import NotLinear
 from hybrid.loops import Loops, loops_of
@@ -22,6 +22,7 @@ from hybrid.machine import Machine
 from hybrid.patch import Value
 from hybrid.potentiometers import dialled_core, setting_of
 from hybrid.prediction import Case, closed_form_case
+from hybrid.ratetest import RateRow, rate_test, rate_warnings, static_check
 from hybrid.record import full_scales, machine_facts, signal_units
 from hybrid.roundoff import lost_constants
 from hybrid.runs import check_windows, thinning, thinning_text
@@ -33,6 +34,9 @@ from hybrid.workload import warnings as workload_warnings
 
 if TYPE_CHECKING:
     import pandas as pd
+
+# Of a delay's circuit, in rad.
+PHASE_ERROR = 1e-3
 
 
 @dataclass(frozen=True, slots=True)
@@ -86,6 +90,16 @@ class ConverterRow:
         return "exact" if self.bits is None else "exact, bits ignored"
 
 
+@dataclass(frozen=True, slots=True)
+class DelayRow:
+    """One transport delay: its circuit's phase is right to PHASE_ERROR up to `good_to`, in rad/s."""
+
+    delay: str
+    time_s: float
+    order: int
+    good_to: float
+
+
 @dataclass(frozen=True, eq=False)
 class Check:
     """The findings: scaling and static check, potentiometers, parts, rate test, converters, loops,
@@ -103,6 +117,7 @@ class Check:
     events: str
     warnings: tuple[str, ...] = ()
     tasks: tuple[TaskRow, ...] = ()  # the work of the digital machine
+    delays: tuple[DelayRow, ...] = ()
 
     def to_dict(self) -> dict[str, Any]:
         """Everything as plain data."""
@@ -113,6 +128,7 @@ class Check:
             "rate_test": [asdict(row) for row in self.rates],
             "parts": [asdict(part) for part in self.parts],
             "potentiometers": [asdict(row) for row in self.pots],
+            "delays": [asdict(row) for row in self.delays],
             "converters": [{**asdict(row), "remark": row.remark} for row in self.converters],
             "loops": [asdict(loop) for loop in self.loops.listed],
             "loops_found": self.loops.found,
@@ -174,7 +190,8 @@ def check(
         events += f", {time_scale_text(compiled.time_scale)}"
     thinned = thinning_text(thinning(compiled, timeline.rows))
     tried = try_out(compiled) if trial else None
-    values, rates = _settled(compiled)
+    values, rates = static_check(compiled)
+    tested = rate_test(compiled, rates, tried)
     pots, rows = _pots(compiled), task_rows(compiled, timeline)
     if tried and any(task.when for task in compiled.timing.tasks):
         rows = tried.tasks
@@ -182,16 +199,34 @@ def check(
         compiled,
         tried,
         _scaling(compiled, values, rates, uses(compiled, tried)),
-        rate_test(compiled, rates, tried),
+        tested,
         count_parts(compiled, pots),
         pots,
         _converters(compiled),
         loops_of(compiled),
         _which_prediction(compiled),
         f"{events}, {thinned}" if thinned else events,
-        (*_warnings(compiled), *lost_constants(compiled), *workload_warnings(compiled, rows)),
+        (
+            *_warnings(compiled),
+            *rate_warnings(tested),
+            *lost_constants(compiled),
+            *workload_warnings(compiled, rows),
+        ),
         rows,
+        _delays(compiled),
     )
+
+
+def _delays(machine: Machine) -> tuple[DelayRow, ...]:
+    """The transport delays, by name."""
+    rows = []
+    for component in sorted(machine.patch.components, key=lambda c: c.name):
+        if component.kind == "delay":
+            values = {k: v.number(machine.parameters) for k, v in component.values.items()}
+            order, time_s = int(values.get("order", DEFAULT_ORDER)), values["time"]
+            row = DelayRow(component.name, time_s, order, good_to(order, time_s, PHASE_ERROR))
+            rows.append(row)
+    return tuple(rows)
 
 
 def _warnings(machine: Machine) -> tuple[str, ...]:
@@ -248,25 +283,6 @@ def _scaling(
         )
         for name, value in zip(machine.analog.signals, values, strict=True)
     )
-
-
-def _settled(machine: Machine) -> tuple[list[float], dict[str, float]]:
-    """Every signal at t = 0 in order, and the rates of the integrators by name; machine units."""
-    analog = machine.analog
-    if machine.elements:
-        from hybrid.engine.windows import settled  # takes long to load
-
-        values, drives = settled(machine)
-        shown = dict(zip(analog.signals, values, strict=True))
-        for name, element in machine.elements:
-            if element.kind == INTEGRATE and name in drives:  # its leak is no input
-                begins = shown[name] if element.second else element.initial
-                drives[name] += element.figures[0] * begins
-        return values, drives
-    found = (analog.a @ analog.x0 + analog.b @ analog.u0).tolist()
-    rates = dict(zip(analog.states, found, strict=True))
-    cores = {s.removesuffix(":core"): rate for s, rate in rates.items() if s.endswith(":core")}
-    return analog.static_value.tolist(), {**rates, **cores}
 
 
 def _pots(machine: Machine) -> tuple[PotRow, ...]:

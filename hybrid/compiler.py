@@ -200,12 +200,23 @@ def _output_stage(
             "bandwidth; set its noise to 0 or its tau above 0",
             part.place,
         )
-    gain = 1.0 + figure("tolerance") * unit_error(serial, part.name, "gain")
-    offset = figure("offset") + figure("offset_limit") * unit_error(serial, part.name, "offset")
+    tolerance, offset_limit = figure("tolerance"), figure("offset_limit")
+    gain = 1.0 + tolerance * unit_error(serial, part.name, "gain")
+    offset = figure("offset") + offset_limit * unit_error(serial, part.name, "offset")
     if noise == 0 and isinstance(part, Component) and part.kind == "constant":
         tau = 0.0  # settled before the run and never moves again: its lag would cost and do nothing
     step_mu = _step_mu(part.bits, 1.0, preset) if isinstance(part, Dac) else 0.0
-    return OutputStage(tau, gain, offset, noise, figure("saturation"), step_mu, resolution)
+    return OutputStage(
+        tau,
+        gain,
+        offset,
+        noise,
+        figure("saturation"),
+        step_mu,
+        resolution,
+        tolerance,
+        offset_limit,
+    )
 
 
 def _error_figure(key: str, value: Value, scope: Mapping[str, float]) -> float:

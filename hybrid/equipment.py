@@ -1,4 +1,4 @@
-"""How much of an analog machine a patch takes, as an operator counts it, and its rate test.
+"""How much of an analog machine a patch takes, as an operator counts it.
 
 Stage 6, for `checks`.
 """
@@ -12,7 +12,6 @@ from typing import Protocol
 
 from hybrid.components import CATALOG
 from hybrid.machine import Machine
-from hybrid.trial import Trial
 
 # Parts that take an amplifier of the machine's pool; multipliers and the like have their own.
 AMPLIFIERS = ("integrator", "summer", "inverter", "lag", "open amplifier")
@@ -37,22 +36,6 @@ class Part:
 
     part: str
     count: int
-
-
-@dataclass(frozen=True, slots=True)
-class RateRow:
-    """The rate test of one integrator, in machine units a second, or as a fraction (`gain_error`).
-
-    rate_mu: what its inputs give at t = 0, by calculation; first_mu: its mean rate over the trial run's
-    first interval; gain_error: by how much it is too fast when it is fed a known input, with the inputs
-    of the patch taken off; drift_mu: its rate with no input at all.
-    """
-
-    integrator: str
-    rate_mu: float
-    first_mu: float | None
-    gain_error: float
-    drift_mu: float
 
 
 def count_parts(machine: Machine, settings: Sequence[Setting]) -> tuple[Part, ...]:
@@ -88,27 +71,3 @@ def _inverted(machine: Machine) -> set[str]:
         for signal, gain in component.terms
         if gain.number(machine.parameters) < 0.0
     }
-
-
-def rate_test(
-    machine: Machine, rates_mu: dict[str, float], trial: Trial | None
-) -> tuple[RateRow, ...]:
-    """One row for each integrator; `rates_mu`: their rates at t = 0.
-
-    Operators checked the patch with the machine in its initial condition, where every output and every
-    integrator's rate must be what was calculated by hand, and the integrators by themselves: all fed
-    the same reference for a given time, after which all must stand at the same value. See R. D. McCoy,
-    "Method and apparatus for checking electronic analog computers", US patent 2,967,997, and
-    B. D. Conger, "Integrator rate test system for an analog computer", US patent 3,476,924.
-    """
-    rows = []
-    for component in machine.patch.components:
-        if component.kind != "integrate":
-            continue
-        stage = machine.stages[component.name]
-        # A machine that begins in IC moves later.
-        first = trial.rates_mu[component.name] if trial and not machine.operation else None
-        rows.append(
-            RateRow(component.name, rates_mu[component.name], first, stage.gain - 1.0, stage.offset)
-        )
-    return tuple(sorted(rows, key=lambda row: row.integrator))

@@ -40,7 +40,7 @@ RANGES: Mapping[str, tuple[int, int]] = {
     "channel": (0, 999),
     "serial": (0, 2**63 - 1),
     "max_rows": (2, 100_000_000),
-    "order": (1, 10),
+    "order": (1, 30),
     "quarter_square": (1, 200),
     "operations": (1, 100_000),
     "mantissa": (FEWEST_BITS, MOST_BITS),

@@ -5,7 +5,7 @@ from __future__ import annotations
 from rich.console import Console
 from rich.markup import escape
 
-from hybrid.checks import Check
+from hybrid.checks import PHASE_ERROR, Check
 from hybrid.loops import loops_text
 from hybrid.show import figure, show_table, speed_text
 from hybrid.workload import columns, total_utilisation, work_text
@@ -35,6 +35,7 @@ def show_check(console: Console, check: Check) -> None:
     headings = ("component", "input", "setting", "gain", "", "coefficient")
     show_table(console, "Potentiometers", headings, settings, texts=2)
     _show_parts(console, check)
+    _show_delays(console, check)
     _show_converters(console, check)
     _show_tasks(console, check)
     loops = [
@@ -58,6 +59,17 @@ def _show_tasks(console: Console, check: Check) -> None:
     show_table(console, title, headings, cells, texts=1)
     for row in check.tasks:
         console.print(f"{escape(row.task)}: {escape(work_text(row))}")
+
+
+def _show_delays(console: Console, check: Check) -> None:
+    if not check.delays:
+        return
+    rows = [
+        (row.delay, figure(row.time_s, 6), str(row.order), figure(row.good_to, 4))
+        for row in check.delays
+    ]
+    columns = ("delay", "time s", "order", f"right to {PHASE_ERROR:g} rad up to rad/s")
+    show_table(console, "Transport delays", columns, rows)
 
 
 def _show_converters(console: Console, check: Check) -> None:
@@ -134,11 +146,14 @@ def _show_rates(console: Console, check: Check) -> None:
             figure(r.first_mu, 6),
             figure(r.gain_error, 3),
             figure(r.drift_mu, 3),
+            figure(r.expected_mu, 6),
+            r.remark or figure(r.shown_mu, 6),
+            figure(r.allowed_mu, 2),
         )
         for r in check.rates
     ]
-    columns = ("integrator", "rate 1/s", "trial run", "gain error", "drift 1/s")
-    show_table(console, "Rate test", columns, rows)
+    own = ("integrator", "rate 1/s", "trial run", "gain error", "drift 1/s")
+    show_table(console, "Rate test", (*own, "by hand", "shown", "may differ"), rows)
 
 
 def _show_parts(console: Console, check: Check) -> None:

@@ -242,3 +242,98 @@ run: {{until: 2 ms, every: 1 ms}}
 """
     found = hybrid.check(hybrid.parse_patch(text), trial=False)
     assert [row.signal for row in found.scaling] == ["one", "p", "s"]
+
+
+@pytest.mark.parametrize("lag_us", [0, 1])
+@pytest.mark.parametrize("as_circuit", [False, True])
+def test_the_rate_test_compares_with_the_calculation_by_hand(as_circuit, lag_us):
+    """By hand x' = 3 - 4 * 0.5. The gain may be off by 1e-4 of 3, the drift is 1e-3; the integrator's
+    lag shows the rate of 1 us ago, of which x'' = -4 x' makes 4e-6. What is carried back is a slow
+    exponential, so all that is lost are digits of the signals, over an interval of 20 lags, or of 1e-4
+    of full scale, times the weights of a cubic at the start, 30 in all."""
+    text = RATES.replace("tau: 0 s", f"tau: {lag_us} us")
+    machine = compile_patch(hybrid.parse_patch(text), as_circuit=as_circuit)
+    (row,) = hybrid.check(machine, trial=False).rates
+    assert row.expected_mu == pytest.approx(1.0, rel=1e-12)
+    lag = lag_us * 1e-6 * 4.0 * abs(row.rate_mu)
+    step_s = 20e-6 if lag_us else 1e-4
+    exact, bound = 1e-11 / step_s, 30 * (1e-11 if as_circuit else 1e-15) / step_s + 1e-8
+    assert row.allowed_mu == pytest.approx((3e-4 + 1e-3) * (1 + 1e-4) + lag + exact, abs=bound)
+    assert row.shown_mu == pytest.approx(row.rate_mu + lag, abs=bound)
+    assert (row.fails, row.remark) == (False, "")
+
+
+SATURATED = """
+title: A sum that saturates at the start
+machine: nominal
+analog:
+  one: {constant: 1 V, full_scale: 1 V}
+  both: {sum: {one: 1.5}, saturation: 1.1, full_scale: 1 V}
+  x: {integrate: {both: 10 1/s}, initial: 0 V, full_scale: 1 V}
+run: {until: 10 ms, every: 1 ms}
+"""
+
+
+def test_the_rate_test_warns_of_a_rate_that_no_tolerance_explains():
+    """15 a second by hand, 11 shown; allowed are 1e-4 of `one`, of `both` and of `x`: 3 * 1.5e-3."""
+    found = hybrid.check(hybrid.parse_patch(SATURATED), trial=False)
+    (row,) = found.rates
+    assert row.expected_mu == pytest.approx(15.0, rel=1e-12)
+    assert row.shown_mu == pytest.approx(11.0, rel=3e-4)
+    assert row.allowed_mu == pytest.approx(4.5e-3, rel=1e-2)
+    assert row.fails
+    (warning,) = [w for w in found.warnings if w.startswith("rate test")]
+    assert "x should begin with 15 machine units a second and shows 11" in warning
+
+
+UNSTABLE = """
+title: A loop of gain 2 around lagged parts
+machine: lags
+analog:
+  one: {constant: 0.1 V, full_scale: 1 V}
+  both: {sum: {one: 1, back: 2}, full_scale: 1 V}
+  back: {coefficient: {both: 1}, full_scale: 1 V}
+  x: {integrate: {both: 10 1/s}, initial: 0 V, full_scale: 1 V}
+run: {until: 10 ms, every: 1 ms}
+"""
+
+
+def test_the_rate_test_warns_of_a_loop_that_does_not_rest():
+    """both = 0.1 + 2 both has the solution -0.1, at which no machine stays: it runs away from rounding
+    within the hundred lags that the test takes."""
+    (row,) = hybrid.check(hybrid.parse_patch(UNSTABLE), trial=False).rates
+    assert row.expected_mu == pytest.approx(-1.0, rel=1e-9)
+    assert row.fails
+
+
+def test_integrators_that_stand_are_not_tested():
+    """One at its limit, one that a comparator holds."""
+    text = """
+title: Standing
+machine: nominal
+analog:
+  one: {constant: 1 V, full_scale: 1 V}
+  high: {compare: {one: 1}, high: 1, full_scale: 1}
+  full: {integrate: {one: 1 1/s}, initial: 1 V, low: -1 V, high: 1 V, full_scale: 1 V}
+  kept: {integrate: {one: 1 1/s}, initial: 0 V, hold_when: high, full_scale: 1 V}
+  free: {integrate: {one: 1 1/s}, initial: 0 V, full_scale: 1 V}
+run: {until: 10 ms, every: 1 ms}
+"""
+    rows = {r.integrator: r for r in hybrid.check(hybrid.parse_patch(text), trial=False).rates}
+    assert {name: row.remark for name, row in rows.items()} == {
+        "free": "",
+        "full": "at its limit",
+        "kept": "in IC or HOLD",
+    }
+    assert rows["full"].shown_mu is None
+    assert rows["free"].shown_mu == pytest.approx(1.0, abs=rows["free"].allowed_mu)
+
+
+@pytest.mark.parametrize("machine", ["ideal", "lags", "nominal", "howe_1964", "analog_thing"])
+@pytest.mark.parametrize(
+    "name", ["pitch_loop_analog", "harmonic_oscillator", "van_der_pol", "lorenz", "relay_servo"]
+)
+def test_the_rate_test_passes_machines_within_their_limits(name, machine):
+    for serial in range(3):
+        found = hybrid.check(name, machine=machine, serial=serial, trial=False)
+        assert [row.integrator for row in found.rates if row.fails] == []

@@ -94,6 +94,7 @@ CHECK = ABOUT | {
     "trial",
     "scaling",
     "rate_test",
+    "delays",
     "parts",
     "potentiometers",
     "converters",
@@ -109,7 +110,17 @@ CHECK = ABOUT | {
 ROWS = {
     "scaling": {"signal", "kind", "full_scale", "units", "value", "value_mu", "rate_mu"}
     | {"largest", "used", "proposed", "remark"},
-    "rate_test": {"integrator", "rate_mu", "first_mu", "gain_error", "drift_mu"},
+    "rate_test": {
+        "integrator",
+        "rate_mu",
+        "first_mu",
+        "gain_error",
+        "drift_mu",
+        "expected_mu",
+        "shown_mu",
+        "allowed_mu",
+        "remark",
+    },
     "parts": {"part", "count"},
     "potentiometers": {"component", "input", "coefficient_mu", "setting", "gain", "inverted"},
     "converters": {"converter", "kind", "converts", "bits", "range", "step", "units", "remark"},

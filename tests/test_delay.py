@@ -1,13 +1,14 @@
 """The delay against the Pade transfer function, which it is, and the true delay, which it is near."""
 
 import math
+from fractions import Fraction
 
 import numpy as np
 import pytest
 
 import hybrid
 from hybrid.compiler import compile_patch
-from hybrid.components.delay import pade_all_pass
+from hybrid.components.delay import good_to, pade_all_pass, phase_error
 from hybrid.errors import PatchError
 from hybrid.patchfile import parse_patch
 from hybrid.runs import run
@@ -16,6 +17,18 @@ from hybrid.runs import run
 def patch(*components, run="until: 2 s, every: 0.1 s", machine="ideal", rest=""):
     lines = "\n".join(f"  {line}" for line in components)
     return f"title: Test\nmachine: {machine}\nanalog:\n{lines}\n{rest}run: {{{run}}}\n"
+
+
+def exact_response(n, x):
+    """N / D at j x in fractions, as the sums of high orders lose all digits otherwise."""
+    re = im = Fraction(0)
+    for k in range(n + 1):
+        over = math.factorial(2 * n) * math.factorial(k) * math.factorial(n - k)
+        term = Fraction(math.factorial(2 * n - k) * math.factorial(n), over) * Fraction(x) ** k
+        re += (term, 0, -term, 0)[k % 4]
+        im += (0, term, 0, -term)[k % 4]
+    size = re * re + im * im
+    return complex(float((re * re - im * im) / size), float(-2 * re * im / size))
 
 
 def denominator(n, z):
@@ -33,13 +46,12 @@ def response(block, s):
     return c @ np.linalg.solve(s * np.eye(len(b)) - a, b) + block.d
 
 
-@pytest.mark.parametrize("n", range(1, 11))
+@pytest.mark.parametrize("n", range(1, 31))
 def test_the_circuit_is_the_pade_all_pass(n):
     T = 0.3
     block = pade_all_pass(n, T)
     for x in (0.01, 0.3, 1, 2.5, 6, 15, 60):
-        z = 1j * x
-        exact = denominator(n, -z) / denominator(n, z)
+        z, exact = 1j * x, exact_response(n, x)
         # The condition of the solution is about x + n^2; the sums have some ten terms of size 2.
         assert abs(response(block, z / T) - exact) < 1e-16 * 40 * (x + n * n + 10)
     # At rest it passes its input on, all of it in the first state.
@@ -130,9 +142,9 @@ def test_a_lag_of_its_own_and_a_gain_error_come_after_it():
         ("delay: {one: 1}, time: 0 s", "must be greater than 0"),
         (
             "delay: {one: 1}, time: 1 ms, order: 0",
-            "order is '0'; it must be a whole number from 1 to 10",
+            "order is '0'; it must be a whole number from 1 to 30",
         ),
-        ("delay: {one: 1}, time: 1 ms, order: 11", "order is '11'"),
+        ("delay: {one: 1}, time: 1 ms, order: 31", "order is '31'"),
         ("delay: {one: 1}, time: 1 ms, order: 2.5", "order is '2.5'"),
         ("delay: {two: 1}, time: 1 ms", "unknown signal 'two'"),
         ("delay: {x: 0.5}, time: 1 ms", "algebraic loop through parts without lag: x -> x"),
@@ -143,3 +155,32 @@ def test_wrong_figures_are_told(wrong, told):
     text = patch("one: {constant: 1, full_scale: 1}", f"x: {{{wrong}, full_scale: 1}}")
     with pytest.raises(PatchError, match=told):
         compile_patch(parse_patch(text))
+
+
+@pytest.mark.parametrize("n", [1, 2, 4, 10, 20, 30])
+def test_the_phase_is_right_up_to_where_it_is_said_to_be(n):
+    """The bound holds all the way, and gives away no more than a third of the frequency."""
+
+    def off(x):
+        return abs(exact_response(n, x) / complex(math.cos(x), -math.sin(x)) - 1.0)
+
+    for error in (1e-4, 1e-3, 1e-2):
+        last = good_to(n, 1.0, error)
+        assert good_to(n, 0.2, error) == pytest.approx(5 * last, rel=1e-14)
+        assert phase_error(n, last) == pytest.approx(error, rel=1e-9)
+        # A chord of the circle is shorter than the angle by a share of angle^2 / 24.
+        assert all(off(f * last) <= phase_error(n, f * last) + 1e-14 for f in (0.3, 0.6, 0.9, 1.0))
+        assert off(1.35 * last) > error
+
+
+def test_check_lists_delays_with_the_frequency_they_are_good_to():
+    """Order 4: (1e-3 * 8! * 9! / 4!^2)^(1 / 9) = 3.086 over T."""
+    text = patch(
+        "s: {sine: 1, omega: 12 rad/s, full_scale: 1}",
+        "y: {delay: {s: 1}, time: 0.1 s, full_scale: 1.5}",
+    )
+    found = hybrid.check(parse_patch(text), trial=False)
+    (row,) = found.delays
+    assert found.to_dict()["delays"][0].keys() == {"delay", "time_s", "order", "good_to"}
+    assert (row.delay, row.time_s, row.order) == ("y", 0.1, 4)
+    assert row.good_to == pytest.approx(30.86, abs=0.01)

@@ -2,16 +2,20 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 
 from hybrid.components.base import Block, Core, Kind
 from hybrid.language import Bound, Holds, Key, Unit
 
+DEFAULT_ORDER = 4
+
 
 class Delay(Kind):
     """The Pade all-pass of a given order, closest to exp(-s T) at s = 0.
 
-    Its gain is 1 at every frequency; its phase follows omega T up to about omega T = `order`.
+    Its gain is 1 at every frequency; its phase follows omega T up to about omega T = `order`, see
+    `phase_error`.
     """
 
     key, symbol = "delay", "delay"
@@ -19,12 +23,37 @@ class Delay(Kind):
     main = Key("delay", Holds.TERMS, "signal: coefficient", required=True)
     keys = (
         Key("time", Holds.QUANTITY, "the delay", Unit.TIME, Bound.POSITIVE, required=True),
-        Key("order", Holds.INTEGER, "order of the circuit: so many integrators", default="4"),
+        Key(
+            "order",
+            Holds.INTEGER,
+            "order of the circuit: so many integrators",
+            default=str(DEFAULT_ORDER),
+        ),
     )
 
     def core(self, values: Mapping[str, float], gains: Mapping[str, float]) -> Core:
         """w(t) = sum(coefficient * input) at about t - time; settled to the inputs at t = 0."""
-        return Core(gains, block=pade_all_pass(int(values.get("order", 4.0)), values["time"]))
+        return Core(
+            gains, block=pade_all_pass(int(values.get("order", DEFAULT_ORDER)), values["time"])
+        )
+
+
+def phase_error(order: int, omega_t: float) -> float:
+    """At most how far the phase is off at omega T, in rad.
+
+    D exp(-j x) - N of the approximant N / D is at most x^(2n + 1) n!^2 / ((2n)! (2n + 1)!) in size, from
+    the remainder integral of Pade's approximant (Hermite), and |D(j x)| is at least 1.
+    """
+    return omega_t ** (2 * order + 1) * _remainder(order)
+
+
+def good_to(order: int, time_s: float, error: float) -> float:
+    """The frequency, in rad/s, up to which the phase is off by no more than `error`, in rad."""
+    return float((error / _remainder(order)) ** (1.0 / (2 * order + 1)) / time_s)
+
+
+def _remainder(n: int) -> float:
+    return math.factorial(n) ** 2 / (math.factorial(2 * n) * math.factorial(2 * n + 1))
 
 
 def pade_all_pass(order: int, time_s: float) -> Block:

@@ -1,0 +1,243 @@
+"""The static check and the rate test of the integrators, as operators made them.
+
+Stage 6, for `checks`. Operators checked a patch with the machine in its initial condition, where every
+output and every integrator's rate must be what was calculated by hand, and the integrators by
+themselves: all fed the same reference for a given time, after which all must stand at the same value.
+See R. D. McCoy, "Method and apparatus for checking electronic analog computers", US patent 2,967,997,
+and B. D. Conger, "Integrator rate test system for an analog computer", US patent 3,476,924.
+
+By hand means: with parts that have no errors. The machine is then played for a moment, its rates are
+carried back to t = 0, and both are compared. They may differ by
+
+- what tolerances, offsets and dials make, each at its limit and all in one direction (of first order in
+  each; products of them are less than that times the sum of the tolerances);
+- the lags on the way, L: a rate is shown as it was up to L before, so by L times how fast it changes;
+- what carrying it back leaves: a cubic through four intervals errs by no more than it differs from the
+  parabola through three, value and slope. Where that is as large as the rate, something runs away
+  within some tens of lags, which explains nothing.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from hybrid.circuits import build_circuit
+from hybrid.components import CATALOG
+from hybrid.elements import INTEGRATE
+from hybrid.engine.rates import Start, first_rates
+from hybrid.errors import PatchError
+from hybrid.layout import build_analog
+from hybrid.machine import Floats, Machine, OutputStage
+from hybrid.scale import to_seconds
+from hybrid.trial import Trial
+
+# Layers after the start die out in so many of the longest lag: exp(-20) is 2e-9.
+WAIT_LAGS = 20.0
+INTERVALS = 4
+# Where nothing lags an interval lets the fastest signal move by so much, in machine units, ...
+LITTLE_MU = 1e-4
+# ... and where nothing moves it is this share of the run.
+SHARE_OF_RUN = 1e-3
+# How exactly signals are known at the ends of windows, in machine units.
+EXACT_MU = 1e-11
+# A rate that can be carried back leaves no more than this share of it.
+MOST_LEFT = 0.1
+# Kinds whose outputs do not follow their inputs within lags: what is before them shows later.
+KEEPERS = frozenset({"integrate", "lag", "delay", "noise_source", "backlash", "track"})
+
+
+@dataclass(frozen=True, slots=True)
+class RateRow:
+    """The rate test of one integrator, in machine units a second, or as a fraction (`gain_error`).
+
+    rate_mu: what its inputs give at t = 0, by calculation with this machine's errors; first_mu: its mean
+    rate over the trial run's first interval; gain_error: by how much it is too fast when it is fed a
+    known input, with the inputs of the patch taken off; drift_mu: its rate with no input at all;
+    expected_mu: what its inputs give by hand, with parts that have no errors; shown_mu: what the machine
+    shows; allowed_mu: by how much they may differ; remark: why shown_mu is missing, or ''.
+    """
+
+    integrator: str
+    rate_mu: float
+    first_mu: float | None
+    gain_error: float
+    drift_mu: float
+    expected_mu: float
+    shown_mu: float | None
+    allowed_mu: float | None
+    remark: str
+
+    @property
+    def fails(self) -> bool:
+        """Whether the machine shows what no tolerance and no lag of it explains."""
+        if self.shown_mu is None or self.allowed_mu is None:
+            return False
+        return not abs(self.shown_mu - self.expected_mu) <= self.allowed_mu
+
+
+def static_check(machine: Machine) -> tuple[list[float], dict[str, float]]:
+    """Every signal at t = 0 in order, and the rates of the integrators by name; machine units."""
+    analog = machine.analog
+    if machine.elements:
+        from hybrid.engine.windows import settled  # takes long to load
+
+        values, drives = settled(machine)
+        shown = dict(zip(analog.signals, values, strict=True))
+        for name, element in machine.elements:
+            if element.kind == INTEGRATE and name in drives:  # its leak is no input
+                begins = shown[name] if element.second else element.initial
+                drives[name] += element.figures[0] * begins
+        return values, drives
+    found = (analog.a @ analog.x0 + analog.b @ analog.u0).tolist()
+    rates = dict(zip(analog.states, found, strict=True))
+    cores = {s.removesuffix(":core"): rate for s, rate in rates.items() if s.endswith(":core")}
+    return analog.static_value.tolist(), {**rates, **cores}
+
+
+def rate_test(
+    machine: Machine, rates_mu: dict[str, float], trial: Trial | None
+) -> tuple[RateRow, ...]:
+    """One row for each integrator; `rates_mu`: their rates at t = 0, by calculation.
+
+    What is shown is without noise.
+    """
+    names = sorted(c.name for c in machine.patch.components if c.kind == "integrate")
+    if not names:
+        return ()
+    given = np.array([rates_mu[name] for name in names])
+    start, step_s, wait_s = _first_moments(machine, given)
+    try:
+        expected, allowed = _by_hand(machine, names)
+    except PatchError:  # 0/0, which errors turn into a figure
+        expected, allowed = given, np.full(len(names), math.inf)
+    columns = [machine.analog.signals.index(name) for name in names]
+    shown, left, changes = _carried_back(start.rates_mu[:, columns], wait_s, step_s)
+    rows = []
+    for i, name in enumerate(names):
+        stage = machine.stages[name]
+        why_not = start.why_not.get(name) or ("a part switches" if start.switched else "")
+        why_not = why_not or ("" if math.isfinite(allowed[i]) else "no value without errors")
+        off = allowed[i] + EXACT_MU / step_s
+        if left[i] <= MOST_LEFT * np.max(np.abs(start.rates_mu[:, columns[i]])):
+            off += _lag_s(machine, name) * changes[i] + left[i]
+        # A machine that begins in IC moves later.
+        first = trial.rates_mu[name] if trial and not machine.operation else None
+        rows.append(
+            RateRow(
+                name,
+                rates_mu[name],
+                first,
+                stage.gain - 1.0,
+                stage.offset,
+                float(expected[i]),
+                None if why_not else float(shown[i]),
+                None if why_not else float(off),
+                why_not,
+            )
+        )
+    return tuple(rows)
+
+
+def rate_warnings(rows: tuple[RateRow, ...]) -> tuple[str, ...]:
+    """What the machine shows that neither tolerances nor lags explain."""
+    return tuple(
+        f"rate test: {row.integrator} should begin with {row.expected_mu:.6g} machine units a second "
+        f"and shows {row.shown_mu:.6g}, where tolerances and lags explain {row.allowed_mu:.2g}: "
+        "something saturates, or a loop of lagged parts does not rest at t = 0"
+        for row in rows
+        if row.fails
+    )
+
+
+def _by_hand(machine: Machine, names: list[str]) -> tuple[Floats, Floats]:
+    """Rates at t = 0 on parts without errors, and by how much errors within their limits change them."""
+    exact = {name: _without_errors(stage) for name, stage in machine.stages.items()}
+
+    def rates(stages: dict[str, OutputStage]) -> Floats:
+        found = static_check(_with_stages(machine, stages))[1]
+        return np.array([found[name] for name in names])
+
+    expected = rates(exact)
+    allowed, tolerances = np.zeros(len(names)), 0.0
+    for name, stage in machine.stages.items():
+        offset = abs(stage.offset) + stage.offset_limit
+        limits = [replace(exact[name], gain=1.0 + stage.tolerance)] * (stage.tolerance != 0.0)
+        limits += [replace(exact[name], offset=offset)] * (offset != 0.0)
+        tolerances += abs(stage.tolerance)
+        for limit in limits:
+            allowed += np.abs(rates({**exact, name: limit}) - expected)
+    dials = {
+        n: replace(s, pot_resolution=machine.stages[n].pot_resolution) for n, s in exact.items()
+    }
+    if dials != exact:
+        allowed += np.abs(rates(dials) - expected)
+    return expected, allowed * (1.0 + tolerances)
+
+
+def _without_errors(stage: OutputStage) -> OutputStage:
+    """The same lag and word length, and nothing else that is not as it should be."""
+    return replace(stage, gain=1.0, offset=0.0, noise=0.0, saturation=math.inf, pot_resolution=0.0)
+
+
+def _with_stages(machine: Machine, stages: dict[str, OutputStage]) -> Machine:
+    """The machine with other errors."""
+    patch, scope = machine.patch, machine.parameters
+    if machine.elements:
+        analog, _, elements = build_circuit(patch, scope, stages)
+        return replace(machine, stages=stages, analog=analog, elements=elements)
+    analog, _ = build_analog(patch, scope, stages)
+    return replace(machine, stages=stages, analog=analog)
+
+
+def _first_moments(machine: Machine, rates_mu: Floats) -> tuple[Start, float, float]:
+    """The machine in its first moments; length of an interval, and wait before the first, in s."""
+    wait_s = WAIT_LAGS * max((stage.tau for stage in machine.stages.values()), default=0.0)
+    fastest = float(np.max(np.abs(rates_mu), initial=0.0))
+    step_s = wait_s or (
+        LITTLE_MU / fastest if fastest > 0.0 else SHARE_OF_RUN * to_seconds(machine.timing.until)
+    )
+    return first_rates(machine, wait_s, step_s, INTERVALS), step_s, wait_s
+
+
+def _carried_back(rates_mu: Floats, wait_s: float, step_s: float) -> tuple[Floats, Floats, Floats]:
+    """Rates at t = 0 from means over intervals, what that leaves, and how fast they change."""
+    middles: Floats = wait_s / step_s + np.arange(0.5, len(rates_mu))
+    cubic, parabola = (_at_start(middles[:n], rates_mu[:n]) for n in (INTERVALS, INTERVALS - 1))
+    seen = np.max(np.abs(np.diff(rates_mu, axis=0)), axis=0)
+    changes = np.maximum(seen, np.abs(cubic[1])) + np.abs(cubic[1] - parabola[1])
+    return cubic[0], np.abs(cubic[0] - parabola[0]), changes / step_s
+
+
+def _at_start(at: Floats, values: Floats) -> Floats:
+    """Value and slope at 0 of the polynomials through `values` (points, columns): (2, columns)."""
+    powers = np.vander(at, increasing=True)
+    return np.asarray(np.linalg.solve(powers, values)[:2], dtype=np.float64)
+
+
+def _lag_s(machine: Machine, name: str) -> float:
+    """The sum of the lags of an integrator and of all that follows its inputs at once, each once."""
+    sources = {c.name: (*c.sources, *c.controls) for c in machine.patch.components}
+    kinds = {c.name: c.kind for c in machine.patch.components}
+    rates = {
+        c.name: _loop_rate(machine, c.name) for c in machine.patch.components if c.kind == "amplify"
+    }
+    found, todo = {name}, list(sources[name])
+    while todo:
+        signal = todo.pop()
+        if signal in found:
+            continue
+        found.add(signal)
+        if kinds.get(signal, "integrate") not in KEEPERS:
+            todo += sources[signal]
+    loops = sum(1.0 / rates[s] for s in found if s in rates)
+    return sum(machine.stages[s].tau for s in found if s in machine.stages) + loops
+
+
+def _loop_rate(machine: Machine, name: str) -> float:
+    """How fast an open amplifier settles in a loop of gain 1 elsewhere, in 1/s."""
+    component = next(c for c in machine.patch.components if c.name == name)
+    values = {k: v.number(machine.parameters) for k, v in component.values.items()}
+    return CATALOG["amplify"].core(values, {}).loop_rate
