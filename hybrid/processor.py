@@ -14,7 +14,6 @@ from collections import deque
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from enum import IntEnum
-from functools import partial
 
 import simpy
 from simpy.events import EventPriority
@@ -98,19 +97,22 @@ class _Desk:
     ticks: int = 0  # of its clock, so far
 
 
-def _never_late() -> int:
+def never_late() -> int:
+    """Of a clock that is never late."""
     return 0
 
 
-# What events do is said by bound methods and partials, so that a copy of the processor has its own.
+class _Step(simpy.Event):
+    """Something to do at an instant: a method of the processor, and what it is done to.
 
+    So a copy of the processor has its own steps, of its own cycles.
+    """
 
-def _do(then: Callable[[], None], _: simpy.Event) -> None:
-    then()
-
-
-def _nothing() -> None:
-    """What the end of a compute time does is told to the event itself."""
+    def __init__(self, clock: simpy.Environment, do: Callable[..., None], of: tuple[object, ...]):
+        """As simpy.Timeout does, which knows no turns."""
+        super().__init__(clock)
+        self._ok, self._value = True, None
+        self.do, self.of = do, of
 
 
 class Processor:
@@ -119,7 +121,7 @@ class Processor:
     def __init__(self, duty: Duty, late: Sequence[Lateness] = ()) -> None:
         """Nothing has happened yet. `late`: of each task, where clocks are late by chance."""
         self.duty = duty
-        self.late = tuple(late) or (_never_late,) * len(duty.tasks)
+        self.late = tuple(late) or (never_late,) * len(duty.tasks)
         self.log: list[Event] = []
         self.notes: list[Note] = []
         self.stopped: Note | None = None  # the overrun that ends the run
@@ -128,11 +130,10 @@ class Processor:
         self._ready: list[_Cycle] = []
         self._running: _Cycle | None = None
         self._since = 0  # when it took the processor
-        self._end: simpy.Event | None = None  # of the cycle that is running
         self._choosing = False
         for number, task in enumerate(duty.tasks):
             if task.period:
-                self._at(task.phase + self.late[number](), Turn.TICK, partial(self._tick, number))
+                self._at(task.phase + self.late[number](), Turn.TICK, Processor._tick, number)
 
     @property
     def now(self) -> int:
@@ -151,11 +152,25 @@ class Processor:
 
     def call(self, number: int, at: int) -> None:
         """Let a task begin a cycle at an instant, now or later, as a tick of its clock would."""
-        self._at(at - self.now, Turn.TICK, partial(self._due, number, at))
+        self._at(at - self.now, Turn.TICK, Processor._due, number, at)
 
     def copy(self) -> Processor:
         """Another one in the same state, with random streams of its own in the same state."""
-        return copy.deepcopy(self, {id(self.duty): self.duty})
+        other = copy.copy(self)
+        twins = {d.cycle: copy.copy(d.cycle) for d in self._desks if d.cycle}
+        other.late = tuple(copy.deepcopy(late) for late in self.late)
+        other.log, other.notes = list(self.log), list(self.notes)
+        other._desks = tuple(
+            _Desk(d.cycle and twins[d.cycle], deque(d.waiting), d.ticks) for d in self._desks
+        )
+        other._ready = [twins[cycle] for cycle in self._ready]
+        other._running = self._running and twins[self._running]
+        other._clock = simpy.Environment(initial_time=self.now)
+        for at, turn, _, step in sorted(self._clock._queue):
+            if isinstance(step, _Step):  # what SimPy schedules for itself, to stop, is done with
+                of = (twins.get(o, o) if isinstance(o, _Cycle) else o for o in step.of)
+                other._at(int(at) - self.now, turn, step.do, *of)
+        return other
 
     def state(self) -> tuple[object, ...]:
         """All that the future depends on, seen from now: equal states have equal futures."""
@@ -171,13 +186,15 @@ class Processor:
         running = self._running.task if self._running else None
         return (running, *desks)
 
-    def _at(self, delay: int, turn: Turn, then: Callable[[], None]) -> simpy.Event:
-        """Do something so many ticks from now, in its turn."""
-        event = simpy.Event(self._clock)
-        event._ok, event._value = True, None  # as simpy.Timeout does, which knows no turns
-        event.callbacks.append(partial(_do, then))
-        self._clock.schedule(event, EventPriority(int(turn)), delay)
-        return event
+    def _at(self, delay: int, turn: int, do: Callable[..., None], *of: object) -> None:
+        """Let a method of the processor do something so many ticks from now, in its turn."""
+        step = _Step(self._clock, do, of)
+        step.callbacks.append(self._take)
+        self._clock.schedule(step, EventPriority(turn), delay)
+
+    def _take(self, step: simpy.Event) -> None:
+        assert isinstance(step, _Step)
+        step.do(self, *step.of)
 
     def _tick(self, number: int) -> None:
         """The clock of a task ticks."""
@@ -185,7 +202,7 @@ class Processor:
         due = task.phase + desk.ticks * task.period
         desk.ticks += 1
         wait = due + task.period + self.late[number]() - self.now
-        self._at(wait, Turn.TICK, partial(self._tick, number))
+        self._at(wait, Turn.TICK, Processor._tick, number)
         self._due(number, due)
 
     def _due(self, number: int, due: int) -> None:
@@ -208,13 +225,13 @@ class Processor:
         cycle = _Cycle(number, due, self.now, len(task.channels), task.compute)
         self._desks[number].cycle = cycle
         for index, delay, conversion in task.channels:
-            self._at(delay, Turn.SAMPLE, partial(self._sample, cycle, index, conversion))
+            self._at(delay, Turn.SAMPLE, Processor._sample, cycle, index, conversion)
         if not task.channels:
             self._queue_up(cycle)
 
     def _sample(self, cycle: _Cycle, index: int, conversion: int) -> None:
         self.log.append((self.now, Happening.SAMPLE, index))
-        self._at(conversion, Turn.CONVERT, partial(self._converted, cycle, index))
+        self._at(conversion, Turn.CONVERT, Processor._converted, cycle, index)
 
     def _converted(self, cycle: _Cycle, index: int) -> None:
         self.log.append((self.now, Happening.CONVERT, index))
@@ -231,7 +248,7 @@ class Processor:
         """Choose, once all else of this instant has been done."""
         if not self._choosing:
             self._choosing = True
-            self._at(0, Turn.CHOOSE, self._choose)
+            self._at(0, Turn.CHOOSE, Processor._choose)
 
     def _choose(self) -> None:
         """The processor goes to the first by rank; a cycle under way keeps it unless preempted."""
@@ -250,19 +267,18 @@ class Processor:
         if not first.started:
             first.started = True
             self.log.append((self.now, Happening.START, first.task))
-        self._end = self._at(first.left, Turn.COMPUTED, _nothing)
-        self._end.callbacks.append(self._computed)
+        self._at(first.left, Turn.COMPUTED, Processor._computed, first)
 
-    def _computed(self, event: simpy.Event) -> None:
+    def _computed(self, cycle: _Cycle) -> None:
         """The cycle that is running has its results, unless the processor was taken away since."""
-        if event is not self._end or self._running is None:
+        if cycle is not self._running or self.now < self._since + cycle.left:
             return
-        cycle, task = self._running, self.duty.tasks[self._running.task]
+        task = self.duty.tasks[cycle.task]
         self.log.append((self.now, Happening.END, cycle.task))
         self.log.extend((self.now, Happening.LATCH, dac) for dac in task.dacs)
         self.notes.append(Note(self.now, cycle.task, self.now - cycle.due))
         desk = self._desks[cycle.task]
-        self._running = self._end = desk.cycle = None
+        self._running = desk.cycle = None
         if desk.waiting:
             self._begin(cycle.task, desk.waiting.popleft())
         self._look()

@@ -19,16 +19,17 @@ import numpy as np
 
 from hybrid.clockwork import Event, Happening, in_order
 from hybrid.machine import Machine
-from hybrid.processor import MOST_BEHIND, FallsBehind, Lateness, Note, Processor
+from hybrid.processor import MOST_BEHIND, FallsBehind, Lateness, Note, Processor, never_late
 from hybrid.rota import TaskReport, duty_of, fold, overrun_text, reports
 from hybrid.streams import stream
 
 # Lateness is drawn in so many equal steps: intervals between events repeat, and so do their propagators.
 JITTER_STEPS = 64
-# Ticks of the fastest clock in a stretch; of the first after a comparator has switched, which may do so
-# again soon.
+# Ticks of the fastest clock in a stretch; of the first where a comparator may switch soon. After it has,
+# a stretch is a little longer than it took to do so.
 CLOCKS = 2000
 FEWEST_CLOCKS = 8
+LONGER = 5, 4
 
 
 def is_called(machine: Machine) -> bool:
@@ -49,15 +50,15 @@ class _Late:
     jitter: int
 
     def __call__(self) -> int:
-        if not self.jitter:
-            return 0
         return self.jitter * int(self.random.integers(0, JITTER_STEPS + 1)) // JITTER_STEPS
 
 
 def lateness(machine: Machine, seed: int) -> tuple[Lateness, ...]:
     """For each task a function that draws how late its clock ticks."""
-    tasks = machine.timing.tasks
-    return tuple(_Late(stream(seed, "jitter", task.name), task.jitter) for task in tasks)
+    return tuple(
+        _Late(stream(seed, "jitter", task.name), task.jitter) if task.jitter else never_late
+        for task in machine.timing.tasks
+    )
 
 
 class Stretches:
@@ -71,7 +72,8 @@ class Stretches:
         self._processor = Processor(duty_of(machine), lateness(machine, seed))
         self._called = is_called(machine)
         self._before = self._processor  # as it was at the start of the stretch
-        self._clocks = FEWEST_CLOCKS if self._called else CLOCKS
+        self._clock = machine.timing.period or machine.timing.every
+        self._length = self._clock * (FEWEST_CLOCKS if self._called else CLOCKS)
         self._go_on: tuple[int, int] | None = None  # where a comparator wants the next stretch
         self._done: dict[Note, int] = {}  # of stretches that have been played
         self._notes: list[Note] = []  # of the last one
@@ -79,20 +81,21 @@ class Stretches:
     def __iter__(self) -> Iterator[tuple[int, int, int, list[Event]]]:
         """Of each stretch, up to the end of the run: its start, the first instant that is still to be
         played, its end, and its events (counted from the start)."""
-        until, start, first = self.machine.timing.until, 0, 0
-        clock = self.machine.timing.period or self.machine.timing.every
+        until, start, first, called = self.machine.timing.until, 0, 0, 0
         while True:
-            end = min(start + self._clocks * clock, until)
+            end = min(start + self._length, until)
             end, events = self._laid_out(start, first, end)
             yield start, first, end, events
             if self._go_on:
                 (start, first), self._go_on = self._go_on, None
-                self._clocks = FEWEST_CLOCKS
+                length = (start - called) * LONGER[0] // LONGER[1]
+                self._length = min(max(length, self._clock), CLOCKS * self._clock)
+                called = start
             elif self.stopped or end == until:
                 return
             else:
                 start = first = end
-                self._clocks = min(2 * self._clocks, CLOCKS)
+                self._length = min(2 * self._length, CLOCKS * self._clock)
 
     def _laid_out(self, start: int, first: int, end: int) -> tuple[int, list[Event]]:
         """The events of a stretch, and its end, which is earlier where the run stops."""
