@@ -5,12 +5,15 @@ one, and parameters as SI numbers or texts with units.
 Everything is imported when first used, so that the command line starts quickly.
 """
 
-from importlib import import_module
-from typing import TYPE_CHECKING, Any
+from __future__ import annotations
 
 from hybrid.version import __version__ as __version__
 
+TYPE_CHECKING = False  # typing takes longer to load than all that is here: a Ctrl-C would meet it
+
 if TYPE_CHECKING:
+    from typing import Any
+
     from hybrid.batches import batch as batch
     from hybrid.checks import check as check
     from hybrid.errors import HybridError as HybridError
@@ -47,4 +50,6 @@ def __dir__() -> list[str]:
 def __getattr__(name: str) -> Any:
     if name not in _HOMES:
         raise AttributeError(f"module 'hybrid' has no attribute {name!r}")
+    from importlib import import_module
+
     return getattr(import_module(f"hybrid.{_HOMES[name]}"), name)

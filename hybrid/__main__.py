@@ -1,12 +1,18 @@
-"""The door of the `hybrid` command: Ctrl-C is quiet even while the interpreter still loads."""
+"""The door of the `hybrid` command: Ctrl-C is quiet from the first of our own lines on.
+
+Nothing is loaded before the signal is heard that the interpreter does not need itself.
+"""
 
 from __future__ import annotations
 
 import os
 import signal
 import sys
-from contextlib import suppress
-from typing import Any, NoReturn
+
+TYPE_CHECKING = False
+
+if TYPE_CHECKING:
+    from typing import Any, NoReturn
 
 
 def main() -> int:
@@ -32,9 +38,11 @@ def main() -> int:
 def _end(code: int) -> NoReturn:
     """Everything is written: taking numba apart piece by piece would only take longer."""
     for stream in (sys.stdout, sys.stderr):
-        with suppress(OSError, ValueError):
+        try:
             if stream:
                 stream.flush()
+        except (OSError, ValueError):  # nobody reads any more
+            pass
     os._exit(code)
 
 

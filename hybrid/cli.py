@@ -127,6 +127,8 @@ def _run(options: argparse.Namespace, filing: Filing) -> int:
     with Progress("running") as progress:
         result = run(machine, seed=options.seed, progress=progress, engine=engine)
         interrupts.ignore()
+    if result.status == "interrupted" and not len(result.time_s):
+        raise KeyboardInterrupt  # before the first row, so that there is nothing to keep
     modes = None if isinstance(prediction, str) else prediction.to_dicts()
     filing.write(result.parts(), result.readouts, modes, stem, pens)
     if not options.json:

@@ -598,6 +598,35 @@ def test_an_interrupted_sweep_keeps_its_points(count: int, jobs: str) -> None:
     assert not [path for path in Path().iterdir() if path.name.startswith(".hybrid")]
 
 
+def test_an_interrupt_before_the_first_row_writes_nothing(
+    capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch, here: Path
+) -> None:
+    """Ctrl-C as the engine begins: there is no row, so no record of none is filed."""
+
+    def interrupted_at_once(*_: object) -> None:
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr("hybrid.engine.linear.Player.play", interrupted_at_once)
+    for options in ((), ("--json",)):
+        assert main(["run", "loop.yaml", "--no-chart", *options]) == 130
+        told = capsys.readouterr()
+        assert told.err == "hybrid: interrupted before there was a result; nothing written\n"
+        assert told.out == "" and not list((here / "out").glob("*"))
+    result = hybrid.run("loop.yaml")
+    assert (result.status, len(result.time_s)) == ("interrupted", 0)
+
+
+def test_the_door_loads_nothing_that_python_has_not(here: Path) -> None:
+    """Until the door hears Ctrl-C, a traceback would answer it: it loads itself only, and `signal`."""
+    script = "import os, signal, sys; had = set(sys.modules); import hybrid.__main__; "
+    script += "print(*sorted(set(sys.modules) - had))"
+    package = {**os.environ, "PYTHONPATH": str(Path(hybrid.__file__).parent.parent)}
+    bare = [sys.executable, "-S", "-c", script]  # what an installation adds is not ours
+    found = subprocess.run(bare, env=package, capture_output=True, text=True, check=True)
+    ours = {"hybrid", "hybrid.__main__", "hybrid.version"}
+    assert set(found.stdout.split()) - {"__future__"} == ours
+
+
 @pytest.mark.parametrize("after_s", [0.0, 0.15, 0.3, 0.7])
 def test_an_early_interrupt_is_quiet(after_s: float) -> None:
     code, out, err = interrupted_at_the_door(["run", "loop.yaml", "--until", "1e5 s"], after_s)
