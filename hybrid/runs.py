@@ -120,7 +120,6 @@ class Run:
         facts: dict[str, str | int | float] = {
             "seed": self.seed,
             "engine": self.engine,
-            "engine_error": math.nan if self.engine_error is None else self.engine_error,
             "cycles": self.cycles,
             "operations": self.operations,
             "status": self.status,
@@ -131,6 +130,8 @@ class Run:
             "outside": json.dumps(self.outside),
             "readouts": json.dumps(self.readouts),
         }
+        if self.engine_error is not None:
+            facts["engine_error"] = self.engine_error
         return record_parts(self.machine, self.pens, self.time_s, self.rows, facts, self.firsts_s)
 
     def to_pandas(self) -> pd.DataFrame:
