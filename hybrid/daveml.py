@@ -207,6 +207,13 @@ class _Reader:
     def gridded(self, function: Element, refs: list[Element], id_: str) -> Table:
         definition = _only(function, "functionDefn")
         found = definition.first("griddedTableDef", "griddedTable", "griddedTableRef")
+        loose = definition.first("ungriddedTableDef", "ungriddedTable", "ungriddedTableRef")
+        if loose:
+            raise PatchError(
+                "an ungridded table, whose points lie anywhere, is not read; give its function a "
+                "griddedTableDef with a value at every combination of breakpoints",
+                loose.place,
+            )
         if found is None:
             raise PatchError(
                 "<functionDefn> has no gridded table; other tables are not read", definition.place
