@@ -481,6 +481,8 @@ def test_loops_runs_and_moves_name_variables_alike(tmp_path, capsys):
     assert "s -> wing.angleOfAttack -> wing.twist -> w -> u -> x" in out
     code, _, err = told(tmp_path, capsys, "check", "--no-trial", "--on", "analog")
     assert code == 2 and "word 'wing.twist' is of a model, which has no analog form" in err
+    code, _, err = told(tmp_path, capsys, "check", "--no-trial", "--on", "wing=analog")
+    assert code == 2 and "no part, signal or word 'wing'; valid: w, wing.twist, x" in err
     fixed = LOOPED.replace("period: 10 ms", "period: 10 ms\n  word: {fixed: 16, full_scale: 10}")
     fixed = fixed.replace("{w: -wing.twist}", "{w: -wing.twist, force: wing.force}")
     folder = ["--no-chart", "--out", str(tmp_path)]

@@ -284,7 +284,7 @@ def test_the_f16_of_nasa_on_the_digital_machine(monkeypatch: pytest.MonkeyPatch)
 @pytest.mark.parametrize(
     ("on", "says"),
     [
-        ("analog", "needs a full scale"),
+        ("analog", "is of a model, which has no analog form; keep what reads it on the digital"),
         ({"axes": "analog"}, "needs a full scale"),
     ],
 )

@@ -66,7 +66,7 @@ def placed(
     said besides, which goes first. Of what is said in one place the longer name goes first: that of a
     part of a part.
     """
-    known = {*names, *parts}
+    known = {*(name for name in names if ":" not in name), *parts}  # no inner names of a model
     for told in outside:
         if told.name and told.name not in known:
             hint = did_you_mean(told.name, known)
