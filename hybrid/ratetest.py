@@ -11,7 +11,7 @@ carried back to t = 0, and both are compared. They may differ by
 
 - what tolerances, offsets and dials make, each at its limit and all in one direction (of first order in
   each; products of them are less than that times the sum of the tolerances);
-- the lags on the way, L: a rate is shown as it was up to L before, so by L times how fast it changes;
+- the lags on the way, of sum L: a chain of lags shows f - L f' + h f'' ..., h at most L^2;
 - what carrying it back leaves: a cubic through four intervals errs by no more than it differs from the
   parabola through three, value and slope. Where that is as large as the rate, something runs away
   within some tens of lags, which explains nothing.
@@ -114,15 +114,16 @@ def rate_test(
     except PatchError:  # 0/0, which errors turn into a figure
         expected, allowed = given, np.full(len(names), math.inf)
     columns = [machine.analog.signals.index(name) for name in names]
-    shown, left, changes = _carried_back(start.rates_mu[:, columns], wait_s, step_s)
+    shown = _carried_back(start.rates_mu[:, columns], wait_s, step_s)
     rows = []
     for i, name in enumerate(names):
         stage = machine.stages[name]
         why_not = start.why_not.get(name) or ("a part switches" if start.switched else "")
         why_not = why_not or ("" if math.isfinite(allowed[i]) else "no value without errors")
-        off = allowed[i] + EXACT_MU / step_s
-        if left[i] <= MOST_LEFT * np.max(np.abs(start.rates_mu[:, columns[i]])):
-            off += _lag_s(machine, name) * changes[i] + left[i]
+        off = allowed[i] + shown.digits
+        if shown.left[i] <= MOST_LEFT * np.max(np.abs(start.rates_mu[:, columns[i]])):
+            lag_s = _lag_s(machine, name)
+            off += lag_s * (shown.changes[i] + lag_s * shown.bends[i]) + shown.left[i]
         # A machine that begins in IC moves later.
         first = trial.rates_mu[name] if trial and not machine.operation else None
         rows.append(
@@ -133,7 +134,7 @@ def rate_test(
                 stage.gain - 1.0,
                 stage.offset,
                 float(expected[i]),
-                None if why_not else float(shown[i]),
+                None if why_not else float(shown.rates[i]),
                 None if why_not else float(off),
                 why_not,
             )
@@ -202,19 +203,37 @@ def _first_moments(machine: Machine, rates_mu: Floats) -> tuple[Start, float, fl
     return first_rates(machine, wait_s, step_s, INTERVALS), step_s, wait_s
 
 
-def _carried_back(rates_mu: Floats, wait_s: float, step_s: float) -> tuple[Floats, Floats, Floats]:
-    """Rates at t = 0 from means over intervals, what that leaves, and how fast they change."""
+@dataclass(frozen=True, slots=True)
+class _AtStart:
+    """Rates carried back to t = 0, what that leaves of each, and how fast they change and bend.
+
+    digits: what the signals' last digits make of any rate.
+    """
+
+    digits: float
+    rates: Floats
+    left: Floats
+    changes: Floats
+    bends: Floats
+
+
+def _carried_back(rates_mu: Floats, wait_s: float, step_s: float) -> _AtStart:
+    """From means over intervals, (intervals, columns)."""
     middles: Floats = wait_s / step_s + np.arange(0.5, len(rates_mu))
     cubic, parabola = (_at_start(middles[:n], rates_mu[:n]) for n in (INTERVALS, INTERVALS - 1))
+    sizes, left = np.maximum(np.abs(cubic), np.abs(parabola)), np.abs(cubic - parabola)
     seen = np.max(np.abs(np.diff(rates_mu, axis=0)), axis=0)
-    changes = np.maximum(seen, np.abs(cubic[1])) + np.abs(cubic[1] - parabola[1])
-    return cubic[0], np.abs(cubic[0] - parabola[0]), changes / step_s
+    changes = np.maximum(seen, sizes[1]) + left[1]
+    weights = _at_start(middles, np.eye(INTERVALS))[0]
+    digits = 2.0 * EXACT_MU / step_s * float(np.sum(np.abs(weights)))
+    bends = 2.0 * (sizes[2] + left[2]) / step_s**2
+    return _AtStart(digits, cubic[0], left[0], changes / step_s, bends)
 
 
 def _at_start(at: Floats, values: Floats) -> Floats:
-    """Value and slope at 0 of the polynomials through `values` (points, columns): (2, columns)."""
+    """First three coefficients of the polynomials through `values`, (points, columns): (3, columns)."""
     powers = np.vander(at, increasing=True)
-    return np.asarray(np.linalg.solve(powers, values)[:2], dtype=np.float64)
+    return np.asarray(np.linalg.solve(powers, values)[:3], dtype=np.float64)
 
 
 def _lag_s(machine: Machine, name: str) -> float:

@@ -146,14 +146,22 @@ def _show_rates(console: Console, check: Check) -> None:
             figure(r.first_mu, 6),
             figure(r.gain_error, 3),
             figure(r.drift_mu, 3),
+        )
+        for r in check.rates
+    ]
+    columns = ("integrator", "rate 1/s", "trial run", "gain error", "drift 1/s")
+    show_table(console, "Rate test", columns, rows)
+    first = [
+        (
+            r.integrator,
             figure(r.expected_mu, 6),
             r.remark or figure(r.shown_mu, 6),
             figure(r.allowed_mu, 2),
         )
         for r in check.rates
     ]
-    own = ("integrator", "rate 1/s", "trial run", "gain error", "drift 1/s")
-    show_table(console, "Rate test", (*own, "by hand", "shown", "may differ"), rows)
+    headings = ("integrator", "by hand 1/s", "shown", "may differ")
+    show_table(console, "Rates at the start", headings, first)
 
 
 def _show_parts(console: Console, check: Check) -> None:
