@@ -19,6 +19,7 @@ from typing import TYPE_CHECKING, Any
 from hybrid import interrupts
 from hybrid.errors import HybridError, RunError
 from hybrid.loading import load_numba_without_blas
+from hybrid.naming import on_text, stem_of
 from hybrid.options import (
     batch_file,
     combined,
@@ -119,7 +120,7 @@ def _run(options: argparse.Namespace, filing: Filing) -> int:
         check_pairs(pairs, span_facts(machine)["until_s"])
     if options.scope:
         check_operates(machine)
-    stem = Path(output_name(options.out)) / Path(patch.file).stem
+    stem = Path(output_name(options.out)) / stem_of(patch)
     writable(*(stem.with_name(stem.name + suffix) for suffix in (".nc", ".png")))
     prediction = _prediction(machine_of(*ordered) if circuit else machine)
     say_if_compiling(machine, engine)
@@ -317,7 +318,8 @@ def _ensemble_chart(result: Batch, path: Path) -> list[str]:
         across = Across(name, data[name].values, data[name].attrs["units"])
     serials = sorted({result.serial_of(p) for p in result.points})
     machines = f"serial {serials[0]}" + (f" to {serials[-1]}" if len(serials) > 1 else "")
-    facts = [f"{result.patch.file}; machine {result.machine}, {machines}; {result.status}"]
+    told = [result.patch.file, on_text(result.patch.on), f"machine {result.machine}, {machines}"]
+    facts = ["; ".join(filter(None, [*told, result.status]))]
     spreads = [Spread(name, *figure) for name, figure in result.figures().items()]
     figure = ensemble_chart(title, facts, spreads, across)
     write_whole(path, lambda part: save(figure, part))

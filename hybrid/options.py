@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Any, NoReturn
 
 from hybrid.errors import RunError, did_you_mean, quoted
 from hybrid.machines import PRESETS
+from hybrid.naming import stem_of
 from hybrid.version import __version__
 
 MOST_PENS = 12  # of a strip chart
@@ -306,7 +307,7 @@ def serial_range(text: str) -> list[int]:
 
 def batch_file(options: argparse.Namespace, patch: Patch) -> Path:
     """Where the data of a batch go."""
-    return _data_file(options, f"out/{Path(patch.file).stem}_batch.nc")
+    return _data_file(options, f"out/{stem_of(patch)}_batch.nc")
 
 
 def output_name(out: str) -> str:
@@ -318,7 +319,7 @@ def output_name(out: str) -> str:
 
 def sweep_file(options: argparse.Namespace, patch: Patch, name: str) -> Path:
     """Where the data of a sweep go."""
-    return _data_file(options, f"out/{Path(patch.file).stem}_over_{name}.nc")
+    return _data_file(options, f"out/{stem_of(patch)}_over_{name}.nc")
 
 
 def _data_file(options: argparse.Namespace, default: str) -> Path:

@@ -14,6 +14,7 @@ from hybrid.batches import Batch
 from hybrid.beside import mode_beside
 from hybrid.errors import counted
 from hybrid.machine import Machine
+from hybrid.naming import on_text
 from hybrid.points import Point
 from hybrid.prediction import Prediction
 from hybrid.runs import Run, readout_text
@@ -123,8 +124,9 @@ def _show_tasks(console: Console, rows: Sequence[TaskRow]) -> None:
 
 
 def speed_text(machine: Machine) -> str:
-    """The machine's name, and its time scale where it has one."""
-    return ", ".join(filter(None, (machine.preset, time_scale_text(machine.time_scale))))
+    """The machine's name, its time scale where it has one, and what `--on` has moved."""
+    told = (machine.preset, time_scale_text(machine.time_scale), on_text(machine.patch.on))
+    return ", ".join(filter(None, told))
 
 
 def _show_readout(

@@ -13,6 +13,7 @@ from matplotlib.figure import Figure
 from matplotlib.image import imread
 
 from hybrid.charts import coupling_chart, save, strip_chart
+from hybrid.charts.plotter import xy_plot
 from hybrid.charts.readings import readings_chart, sweep_charts
 from hybrid.charts.strip import MAX_LANES, _table_rows, lane_limits
 from hybrid.charts.style import broken, duration, envelope, number, round_up, unit_text
@@ -245,6 +246,32 @@ class TestOverloadsAndStatus:
         facts = "pitch_loop.yaml  ·  machine nominal  ·  seed 7  ·  T = 1 ms  ·  200 cycles"
         assert shown[1] == f"{facts}  ·  200 ms recorded  ·  every 10th row kept"
         assert shown[2] == "with  omega_p = 40 rad/s,  inertia = 3 kg·m²"
+
+    def test_every_task_tells_its_period_or_what_starts_it(self):
+        rows = [
+            {"task": "catch", "period_s": None, "when": "beyond rises"},
+            {"task": "inner", "period_s": 2e-3, "when": None},
+            {"task": "outer", "period_s": 0.02, "when": None},
+        ]
+        shown = texts(strip_chart(make_record(tasks=json.dumps(rows))))
+        assert "T: catch when beyond rises, inner 2 ms, outer 20 ms" in shown[1].split("  ·  ")
+        one = [{"task": "program", "period_s": 2e-3, "when": None}]
+        assert "T = 1 ms" in texts(strip_chart(make_record(tasks=json.dumps(one))))[1]
+
+    def test_many_tasks_stay_on_the_paper(self):
+        rows = [{"task": f"task_{i:02}_of_many", "period_s": 1e-3, "when": None} for i in range(9)]
+        record = make_record(tasks=json.dumps(rows), on='{"body": "digital"}')
+        shown = texts(strip_chart(record))
+        assert "4 more" in " ".join(shown) and all(len(line) <= 165 for line in shown)
+        assert shown[2].startswith("T: task_00_of_many 1 ms")  # a line ends between two facts
+
+    def test_what_runs_on_the_other_machine_is_named(self):
+        on = {"body": "digital", "air": "analog", "drag": "digital", "orbit": "digital"}
+        record = make_record(on=json.dumps(on))
+        told = "air on analog, body on digital, 2 more elsewhere"
+        assert told in texts(strip_chart(record))[1].split("  ·  ")
+        assert told in texts(xy_plot(record, "theta", "moment"))[1].split("  ·  ")
+        assert " on " not in texts(strip_chart(make_record(on="{}")))[1]
 
 
 class TestTable:

@@ -565,6 +565,14 @@ def test_the_command_line_tells_and_says_what_it_was_told(
     sweep = ["--over", "cycle=1 ms:2 ms:2", "--jobs", "1", "--json", "--no-chart", "--out", "a.nc"]
     assert main(["sweep", "loop.yaml", "--on", "rate=digital", *sweep]) == 0
     assert json.loads(capsys.readouterr().out)["on"] == {"rate": "digital"}
+    assert main(["run", "loop.yaml", "--no-chart"]) == 0
+    assert "on digital" not in capsys.readouterr().out
+    assert main(["run", "loop.yaml", "--on", "digital", "--on", "rate=analog", "--no-chart"]) == 0
+    assert "machine nominal, all on digital, rate on analog" in capsys.readouterr().out
+    assert main(["draw", "loop.yaml", "--on", "digital"]) == 0
+    assert "all on digital" in Path("loop_on_digital.svg").read_text()
+    files = {path.name for path in Path("out").iterdir()}
+    assert files == {"loop.nc", "loop_on_rate_digital.nc", "loop_on_digital_rate_analog.nc"}
     for given, says in (
         ("both", "--on 'both' must be analog or digital, or PART=analog or PART=digital"),
         ("=digital", "--on '=digital' must be"),

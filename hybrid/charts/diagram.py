@@ -31,6 +31,7 @@ from hybrid.components import CATALOG
 from hybrid.errors import RunError
 from hybrid.expressions import to_text
 from hybrid.modes import LOGIC
+from hybrid.naming import on_text, stem_of
 from hybrid.patch import Adc, Component, Dac, Patch, Value
 from hybrid.storage import write_whole
 
@@ -79,7 +80,7 @@ def save_diagram(
     """Write the diagram, by default to the patch's name with .svg; returns the file's name."""
     if path is not None and not str(path).strip():
         raise RunError("--out is empty; name an SVG file")
-    target = Path(path or f"{Path(patch.file).stem or 'patch'}.svg")
+    target = Path(path or f"{stem_of(patch)}.svg")
     if target.suffix.lower() != ".svg":
         raise RunError(f"--out {target} must be an SVG file, ending in .svg")
     text = draw(patch, parameters)
@@ -445,7 +446,7 @@ class Sheet:
         ]
         file = self.patch.file.replace("\\", "/").rpartition("/")[2]
         file = "" if file.startswith("<") else file  # text that came from no file
-        facts = "  ·  ".join(filter(None, (file, ",  ".join(told))))
+        facts = "  ·  ".join(filter(None, (file, on_text(self.patch.on), ",  ".join(told))))
         note = (
             "Below each name: full scale. Figures in circles and on cords are coefficients in the "
             "units shown; 1 is not written. Above an integrator: its initial value."

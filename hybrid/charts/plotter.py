@@ -209,10 +209,7 @@ def _heading(
     facts += [note for note in (across.note, upward.note) if note]
     title = str(about.get("title") or about.get("patch") or "Record")
     lines = [(line, style.INK) for line in textwrap.wrap(title, int(6.4 * width_in))[:1]]
-    # A line ends between facts only.
-    whole = "  ·  ".join(fact.replace(" ", "\u00a0") for fact in facts)
-    told = [line.replace("\u00a0", " ") for line in textwrap.wrap(whole, int(13 * width_in))]
-    lines += [(line.strip(" ·"), style.MUTED) for line in told]
+    lines += [(line, style.MUTED) for line in style.wrapped(facts, int(13 * width_in))]
     if about.get("status") in BROKEN_OFF:
         told = textwrap.wrap(
             f"{about['status']}: {about.get('status_note', '')}".rstrip(": "), int(12 * width_in)

@@ -39,6 +39,8 @@ if TYPE_CHECKING:
 __all__ = ["lane_limits", "save", "strip_chart"]
 
 MAX_LANES = 12
+MOST_TASKS = 5  # of which the heading tells the cycle time
+LETTERS = 165  # of a line of the heading
 TINY = 1e-290  # below this a signal is drawn as zero, above its reciprocal as missing
 FAR_LESS = 0.25  # a signal within this fraction of its full scale gets a lane scale of its own
 
@@ -173,11 +175,10 @@ def _heading(record: Recorded, signal_count: int, legend: str = "") -> list[tupl
     about = record.attrs
     time_s = record["time"].values
     span = float(time_s[-1] - time_s[0]) if len(time_s) else 0.0
-    cycle_s = float(about.get("cycle_s", math.nan))
     facts = [
         *style.provenance(about),
         time_scale_text(float(about.get("time_scale", 1.0))),
-        f"T = {style.duration(cycle_s)}" if math.isfinite(cycle_s) else "",
+        _clocks(about),
         f"{int(about['cycles']):,} cycles" if about.get("cycles") else "",
         f"{int(about['operations']):,} operations" if about.get("operations") else "",
         f"{style.duration(span)} recorded",
@@ -185,13 +186,13 @@ def _heading(record: Recorded, signal_count: int, legend: str = "") -> list[tupl
         legend,
     ]
     lines = [(str(about.get("title") or about.get("patch") or "Record"), style.INK)]
-    lines.append(("  ·  ".join(fact for fact in facts if fact), style.MUTED))
+    lines += [(line, style.MUTED) for line in style.wrapped(facts, LETTERS)]
     given = json.loads(about.get("parameters") or "{}")
     if given:
         text = "with  " + ",  ".join(
             f"{key} = {style.unit_text(value)}" for key, value in given.items()
         )
-        wrapped = textwrap.wrap(text, 165, max_lines=2, placeholder=" …")
+        wrapped = textwrap.wrap(text, LETTERS, max_lines=2, placeholder=" …")
         lines += [(line, style.MUTED) for line in wrapped]
     if about.get("status") in BROKEN_OFF:
         status, note = str(about["status"]), str(about.get("status_note", ""))
@@ -200,6 +201,22 @@ def _heading(record: Recorded, signal_count: int, legend: str = "") -> list[tupl
     if signal_count > MAX_LANES:
         lines.append((f"The first {MAX_LANES} of {signal_count} signals are drawn.", style.INK))
     return lines
+
+
+def _clocks(about: Mapping[str, Any]) -> str:
+    """The cycle time, of several tasks that of each, or what starts it: 'T = 2 ms'."""
+    rows = json.loads(about.get("tasks") or "[]")
+    cycle_s = float(about.get("cycle_s", math.nan))
+    if len(rows) < 2 and not any(row.get("when") for row in rows):
+        return f"T = {style.duration(cycle_s)}" if math.isfinite(cycle_s) else ""
+    told = [
+        f"{row['task']} {style.duration(row['period_s'])}"
+        if row["period_s"]
+        else f"{row['task']} when {row['when']}"
+        for row in rows[:MOST_TASKS]
+    ]
+    told += [f"{len(rows) - MOST_TASKS} more"] if len(rows) > MOST_TASKS else []
+    return f"T: {', '.join(told)}"
 
 
 def _footnotes(

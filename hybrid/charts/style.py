@@ -7,7 +7,9 @@ tenth of a second to load; the few formats used here are plain text instead.
 
 from __future__ import annotations
 
+import json
 import math
+import textwrap
 import warnings
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
@@ -24,6 +26,7 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import FuncFormatter, LogLocator, MaxNLocator, NullFormatter
 
 from hybrid.errors import RunError
+from hybrid.naming import on_text
 
 if TYPE_CHECKING:
     from matplotlib.axis import Axis
@@ -225,11 +228,20 @@ def mark_decades(axis: Axis, ratio: float) -> None:
 
 
 def provenance(about: Mapping[str, Any]) -> list[str]:
-    """Say where the data come from: patch file, machine and seed, as far as they are known."""
+    """Say where the data come from: patch file, what it runs on and the seed, as far as known."""
     told = [str(about.get("patch", "")).replace("\\", "/").rpartition("/")[2]]
+    moved = on_text(json.loads(about.get("on") or "{}"))
+    told += [moved] if moved else []
     told += [f"machine {about['machine']}"] if about.get("machine") else []
     told += [f"seed {about['seed']}"] if "seed" in about else []
     return told if told[0] else told[1:]
+
+
+def wrapped(facts: Sequence[str], letters: int) -> list[str]:
+    """Facts in lines of at most so many letters that end between two facts."""
+    whole = "  ·  ".join(fact.replace(" ", "\u00a0") for fact in facts if fact)
+    lines = textwrap.wrap(whole, letters)
+    return [line.replace("\u00a0", " ").strip(" ·") for line in lines]
 
 
 def results(record: Any, name: str) -> Floats:
