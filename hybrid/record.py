@@ -19,6 +19,7 @@ from hybrid.machine import Floats, Machine, Pen
 from hybrid.modes import MODE_NAMES, MODE_VARIABLE
 from hybrid.patch import Patch
 from hybrid.scale import to_seconds
+from hybrid.stepwise import stepwise_signals
 from hybrid.storage import Parts
 from hybrid.version import __version__
 
@@ -128,8 +129,13 @@ def record_parts(
     run's own attributes: seed, cycles, status, status_note, rows_note, overloads, outside,
     readouts. `firsts_s`: when ADCs and words have their first result.
     """
+    stepwise = stepwise_signals(machine)
     variables = {
-        pen.name: ("time", np.ascontiguousarray(rows[:, i]), _about(machine, pen, firsts_s))
+        pen.name: (
+            "time",
+            np.ascontiguousarray(rows[:, i]),
+            _about(machine, pen, firsts_s, pen.kind != "analog" or pen.name in stepwise),
+        )
         for i, pen in enumerate(pens)
     }
     patch = machine.patch
@@ -153,7 +159,7 @@ def record_parts(
     return variables, {"time": ("time", time_s, {"units": "s"})}, attributes
 
 
-def _about(machine: Machine, pen: Pen, firsts_s: Mapping[str, float]) -> dict[str, Any]:
+def _about(machine: Machine, pen: Pen, firsts_s: Mapping[str, float], held: bool) -> dict[str, Any]:
     """Attributes of one variable; numbers of the mode are told as the CF conventions tell flags."""
     if pen.kind == "mode":
         numbers, names = np.arange(float(len(MODE_NAMES))), " ".join(MODE_NAMES)
@@ -164,6 +170,7 @@ def _about(machine: Machine, pen: Pen, firsts_s: Mapping[str, float]) -> dict[st
         "units": signal_units(machine)[pen.name][0],
         "full_scale": full_scale,
         "kind": pen.kind,
+        "held": int(held),  # whether it stands still but where it jumps
         **first,
     }
 

@@ -66,6 +66,7 @@ class Trace:
     name: str
     units: str
     per_division: float
+    held: bool  # stands still but where it jumps
 
     @property
     def label(self) -> str:
@@ -119,6 +120,8 @@ def oscilloscope(
                 )
                 for s in sweeps
             ]
+            if trace.held:
+                paths = [style.stepped(*path) for path in paths]
             color = BEAMS[beam % len(BEAMS)]
             _draw_beam(axes, [np.column_stack(path) for path in paths], color, persistence)
             place_in = (LEFT_IN + 0.05, top_in + size_in[1] + LABEL_IN * (beam + 0.75))
@@ -242,7 +245,8 @@ def _trace(record: Recorded, name: str, sweeps: Sequence[Sweep]) -> Trace:
     finite = np.abs(shown[np.isfinite(shown)])
     largest = float(finite.max()) if len(finite) else 0.0
     units = str(record[name].attrs.get("units", ""))
-    return Trace(name, units, nice_division(2.0 * largest / UPWARD))
+    held = style.is_held(record[name].attrs)
+    return Trace(name, units, nice_division(2.0 * largest / UPWARD), held)
 
 
 def _heading(

@@ -1,8 +1,8 @@
 """The x-y plotter: one signal against another, on paper framed by their full scales.
 
 The pen is down from a given time to the end of the record, of a machine with modes in OP only.
-Signals of the same unit are drawn to the same scale, so that a circle is a circle. A converter or a
-word holds its value, so the pen draws steps where one axis holds and the other moves.
+Signals of the same unit are drawn to the same scale, so that a circle is a circle. A converter, a word
+or a comparator holds its value, so the pen draws steps where one axis holds and the other moves.
 """
 
 from __future__ import annotations
@@ -182,9 +182,8 @@ def _axis(record: Recorded, name: str, down: NDArray[np.bool_], up: NDArray[np.b
         frame = limit or 1.0
     else:
         frame = limit if FAR_LESS * limit <= peak <= limit else style.round_up(peak)
-    held = str(about.get("kind", "analog")) != "analog"
     units = str(about.get("units", ""))
-    return _Axis(name, held, units, limit, values, frame)
+    return _Axis(name, style.is_held(about), units, limit, values, frame)
 
 
 def _frames(across: _Axis, upward: _Axis) -> tuple[float, float]:

@@ -72,6 +72,7 @@ class Lane:
     low: float
     high: float
     overloads: tuple[tuple[float, int], ...]  # first time (s), number of instants
+    held: bool  # stands still but where it jumps
 
 
 def strip_chart(
@@ -89,7 +90,8 @@ def strip_chart(
         'omega_ideal', 'zeta_ideal', 'closed_form': {'equation', 'omega', 'zeta'} or None}.
     signals: names of the signals to draw, in order; the first 12 of the record if not given.
 
-    Analog signals are lines, converters and words are steps that hold their value. A lane shows
+    Analog signals are lines; converters, words and those with the attribute `held` (comparators,
+    relays and what follows of them alone) are steps that hold their value. A lane shows
     plus and minus full scale, or less where the signal stays within a quarter of it, and says so.
     Where the record has the machine's mode, IC and HOLD are shaded.
     Raises ValueError for a record without `time`, RunError for a signal that is not in it.
@@ -165,9 +167,9 @@ def _lane(record: Recorded, name: str, overloads: Sequence[tuple[float, int]]) -
     values = np.where(np.abs(values) < 1 / TINY, values, np.nan)
     full_scale = float(about.get("full_scale", math.nan))
     units, kind = style.unit_text(str(about.get("units", ""))), str(about.get("kind", "analog"))
-    return Lane(
-        name, kind, units, full_scale, values, *lane_limits(values, full_scale), tuple(overloads)
-    )
+    limits = lane_limits(values, full_scale)
+    held = style.is_held(about)
+    return Lane(name, kind, units, full_scale, values, *limits, tuple(overloads), held)
 
 
 def _heading(record: Recorded, signal_count: int, legend: str = "") -> list[tuple[str, str]]:
@@ -190,10 +192,11 @@ def _heading(record: Recorded, signal_count: int, legend: str = "") -> list[tupl
     given = json.loads(about.get("parameters") or "{}")
     if given:
         text = "with  " + ",  ".join(
-            f"{key} = {style.unit_text(value)}" for key, value in given.items()
+            f"{key} = {style.unit_text(value)}".replace(" ", "\u00a0")
+            for key, value in given.items()
         )
         wrapped = textwrap.wrap(text, LETTERS, max_lines=2, placeholder=" …")
-        lines += [(line, style.MUTED) for line in wrapped]
+        lines += [(line.replace("\u00a0", " "), style.MUTED) for line in wrapped]
     if about.get("status") in BROKEN_OFF:
         status, note = str(about["status"]), str(about.get("status_note", ""))
         told = note if note.lower().startswith(status) else f"{status}: {note}".rstrip(": ")
@@ -410,9 +413,9 @@ def _extremes(values: Floats) -> list[str]:
 
 
 def _draw_pen(axes: Axes, lane: Lane, time_s: Floats) -> None:
-    """Draw the trace: a line for an analog signal, held values for converters and words."""
+    """Draw the trace: a line, or steps where the signal holds its values."""
     times, values = style.envelope(time_s, lane.values)
-    style_of_line = "default" if lane.kind == "analog" else "steps-post"
+    style_of_line = "steps-post" if lane.held else "default"
     marker = "o" if np.count_nonzero(np.isfinite(values)) == 1 else ""
     color = PEN_OF_KIND.get(lane.kind, style.INK)
     look: dict[str, Any] = {"color": color, "lw": 1.15, "marker": marker, "zorder": 3}

@@ -244,6 +244,11 @@ def wrapped(facts: Sequence[str], letters: int) -> list[str]:
     return [line.replace("\u00a0", " ").strip(" ·") for line in lines]
 
 
+def is_held(about: Mapping[str, Any]) -> bool:
+    """Whether a signal stands still but where it jumps, so that it is drawn as steps."""
+    return bool(about.get("held", str(about.get("kind", "analog")) != "analog"))
+
+
 def results(record: Any, name: str) -> Floats:
     """The values of a signal of a record, NaN before an ADC or a word has its first result."""
     values = np.asarray(record[name].values, dtype=np.float64)
@@ -251,6 +256,11 @@ def results(record: Any, name: str) -> Floats:
     if first_s == -math.inf:
         return values
     return np.where(np.asarray(record["time"].values) >= first_s, values, np.nan)
+
+
+def stepped(time: Floats, values: Floats) -> tuple[Floats, Floats]:
+    """The corners of a trace that holds each value to the next row: (2n - 1,) from (n,)."""
+    return np.repeat(time, 2)[1:], np.repeat(values, 2)[:-1]
 
 
 def envelope(time: Floats, values: Floats, columns: int = 2000) -> tuple[Floats, Floats]:

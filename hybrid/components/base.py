@@ -101,6 +101,8 @@ class Kind:
     per_second: ClassVar[bool] = False
     single_input: ClassVar[bool] = False
     is_linear: ClassVar[bool] = True
+    jumps: ClassVar[bool] = False  # its output stands still but where it jumps, whatever it reads
+    passes_jumps: ClassVar[bool] = False  # so does its output where that is true of all it reads
     inputs: ClassVar[int] = 0  # signals that the main key names, where it gives no coefficients
     piecewise_keys: ClassVar[frozenset[str]] = frozenset()  # with one of these it is not linear
 

@@ -13,6 +13,7 @@ class Sum(Kind):
     """Adds its inputs, each times its coefficient; it does not invert unless told to."""
 
     key, symbol = "sum", "summer"
+    passes_jumps = True
     doc = "sum of inputs, each times its coefficient"
     main = Key("sum", Holds.TERMS, "signal: coefficient", required=True)
 

@@ -32,6 +32,7 @@ class Nonlinear(Kind):
     """A kind with an element instead of a linear core; its main key names one signal or several."""
 
     is_linear = False
+    passes_jumps = True
     symbol = "function"
     inputs = 1
 
@@ -175,6 +176,7 @@ class Compare(Nonlinear):
     """A comparator with hysteresis: one of two values, by the sign of a sum."""
 
     key, symbol, inputs = "compare", "comparator", 0
+    jumps = True
     doc = "high while the sum of its inputs is positive, else low"
     main = Key("compare", Holds.TERMS, "signal: coefficient", required=True)
     keys = (
@@ -241,6 +243,7 @@ class Sawtooth(Nonlinear):
     """
 
     key, symbol, inputs = "sawtooth", "source", 0
+    passes_jumps = False
     doc = "a sawtooth wave that rises from minus to plus its amplitude in every period"
     main = Key("sawtooth", Holds.QUANTITY, "amplitude", Unit.OWN, required=True)
     keys = (PERIOD, BIAS)

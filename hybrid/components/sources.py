@@ -18,6 +18,7 @@ class Constant(Kind):
     """A reference voltage through a potentiometer."""
 
     key, symbol = "constant", "source"
+    jumps = True
     doc = "a constant"
     main = Key("constant", Holds.QUANTITY, "its value", Unit.OWN, required=True)
 
@@ -30,6 +31,7 @@ class StepSource(Kind):
     """Changes value once; a sample taken at that instant still sees the value before."""
 
     key, symbol = "step", "source"
+    jumps = True
     doc = "changes once from one value to another"
     main = Key("step", Holds.QUANTITY, "value after the step", Unit.OWN, required=True)
     keys = (
@@ -76,6 +78,7 @@ class Pulse(Kind):
     """Takes another value for some time, once or once in every period."""
 
     key, symbol = "pulse", "source"
+    jumps = True
     doc = "takes a value for some time, once or in every period"
     main = Key("pulse", Holds.QUANTITY, "value during the pulse", Unit.OWN, required=True)
     keys = (
@@ -110,6 +113,7 @@ class Square(Kind):
     """A square wave; the sine of the same phase has the same sign."""
 
     key, symbol = "square", "source"
+    jumps = True
     doc = "a square wave between plus and minus its amplitude, plus first"
     main = Key("square", Holds.QUANTITY, "amplitude", Unit.OWN, required=True)
     keys = (
