@@ -35,6 +35,7 @@ from hybrid.crew import (
     in_threads,
 )
 from hybrid.errors import HybridError, RunError
+from hybrid.expressions import names, to_text
 from hybrid.machine import Machine
 from hybrid.patch import Patch, Readout
 from hybrid.prediction import predict_machine
@@ -280,8 +281,19 @@ def _scalar_variables(points: Sequence[Point], first: Machine, along: str) -> di
             column = [number(p.measured.get(readout.name, {}).get(quantity)) for p in points]
             about = {"units": unit or units[readout.signal][0]}
             about |= {"readout": readout.kind, "signal": readout.signal}
+            about |= {"window": window} if (window := window_text(readout)) else {}
             found[name] = ((along,), np.array(column, dtype=np.float64), about)
     return found
+
+
+def window_text(readout: Readout) -> str:
+    """The part of the record that a readout sees, 'from 2 s until 4*period'; '' where it is all."""
+    told = []
+    for word, value in (("from", readout.start), ("until", readout.end)):
+        if value is not None:
+            plain = not names(value.expr)
+            told.append(f"{word} {f'{value.number({}):g} s' if plain else to_text(value.expr)}")
+    return " ".join(told)
 
 
 def origin(first: Machine) -> dict[str, str]:

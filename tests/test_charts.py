@@ -311,6 +311,20 @@ class TestTable:
         shown = texts(strip_chart(make_record(), {"height": {"minimum": -1.5, "maximum": 12.25}}))
         assert "minimum −1.5,  maximum 12.25" in shown
 
+    def test_readouts_without_modes_do_not_stand_under_headings_of_modes(self):
+        """Only transients and modes stand between the headings and the other readouts."""
+        readouts = {
+            "top": {"value": 2.5, "time_s": 1.0, "units": "rad/s"},
+            "pitch": {"omega": 9.9, "omega_error": 0.1, "zeta": 0.1},
+        }
+        figure = strip_chart(make_record(), readouts, [self.MODE])
+        height = {text.get_text(): text.get_position()[1] for text in figure.texts}
+        order = ["damping ratio ζ", "measured, pitch", "ideal", "measured, top"]
+        assert sorted(order, key=height.__getitem__, reverse=True) == order
+        assert height["value 2.5 rad/s,  time 1 s"] == height["measured, top"]
+        alone = texts(strip_chart(make_record(), {"top": readouts["top"]}))
+        assert "damping ratio ζ" not in alone and "measured, top" in alone
+
     def test_many_modes_are_cut_with_a_note(self):
         shown = texts(strip_chart(make_record(), prediction=[self.MODE] * 5))
         assert "exact prediction, mode 3" in shown and "and 6 more lines" in shown
@@ -574,6 +588,22 @@ class TestReadingsChart:
             "log",
             "linear",
         )
+
+    def test_the_window_of_a_readout_is_told_and_long_labels_are_broken(self):
+        sweep = self.make()
+        sweep["value_fuel"].attrs["window"] = "until 100 s"
+        long = "from 12.5*the_longest_of_parameters until 100*another_long_parameter"
+        sweep["value_swing"].attrs |= {"window": long, "signal": "angles.roll"}
+        figure = readings_chart(sweep)
+        fuel, swing = figure.axes
+        assert fuel.get_ylabel() == "fuel (final fuel until 100 s), g"
+        assert swing.get_ylabel().replace("\n", " ") == f"swing (final angles.roll {long})"
+        figure.draw_without_rendering()
+        for axes in (fuel, swing):
+            box = axes.yaxis.label.get_window_extent()
+            lowest, highest = 0, figure.bbox.ymax
+            left = 0 if axes is fuel else fuel.get_window_extent().x1
+            assert box.x0 > left and box.y0 >= lowest and box.y1 <= highest
 
     def test_narrow_ranges_are_even(self):
         (fuel, _) = readings_chart(self.make((1.0, 2.0, 7.0), (1.0, 2.0, 7.0))).axes

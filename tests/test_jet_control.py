@@ -236,3 +236,16 @@ def test_small_angles_are_right_to_the_second_order() -> None:
     assert np.abs(found - [roll_, pitch, yaw]).max() < size**3
     first = np.abs(np.array([p, q, r]) - [roll_, pitch, yaw]).max()
     assert first > 10 * size**3  # which the products make up
+
+
+def test_both_counts_of_the_propellant_are_in_one_unit() -> None:
+    """Counted once a cycle T, it errs by at most T times what the flow changes by, all jets together,
+    for every cycle in which it does, and by the last cycle."""
+    text = shipped_patches()["jet_control"].read_text(encoding="utf-8")
+    text = text.replace("until: 300 s, every: 0.1 s", "until: 6 s, every: 1 ms")
+    result = hybrid.run(hybrid.parse_patch(text), {"cycle": 1e-3})
+    assert {result.readouts[name]["units"] for name in ("propellant", "counted")} == {"g"}
+    flow = result.record["jets.flow"].values
+    bound = (np.abs(np.diff(flow)).sum() + flow[-1]) * 1e-3
+    differ = result.readouts["counted"]["value"] - result.readouts["propellant"]["value"]
+    assert abs(differ) <= bound + 1e-6 < 0.1 * result.readouts["propellant"]["value"]

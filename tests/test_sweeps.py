@@ -55,6 +55,23 @@ def test_every_readout_is_in_the_data(result) -> None:
     assert data["readout"].values.tolist() == ["mode"]
 
 
+@pytest.mark.parametrize(
+    ("window", "told"),
+    [
+        ("", None),
+        (", from: 250 ms", "from 0.25 s"),
+        (", until: 10*cycle", "until 10*cycle"),
+        (", from: 0.1 s, until: 0.5 s", "from 0.1 s until 0.5 s"),
+    ],
+)
+def test_the_window_of_a_readout_is_in_the_data(window: str, told: str | None) -> None:
+    text = PATCH.replace("{final: x}", f"{{final: x{window}}}").replace(
+        "  mode: {transient: x}\n", ""
+    )
+    data = hybrid.sweep(hybrid.parse_patch(text), "rate", [1.0, 2.0], jobs=1).dataset
+    assert data["value_end"].attrs.get("window") == data["time_end"].attrs.get("window") == told
+
+
 def test_the_data_say_where_they_come_from(result, patch, tmp_path: Path) -> None:
     write_dataset(result.dataset, tmp_path / "a.nc")
     with xr.open_dataset(tmp_path / "a.nc") as stored:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import textwrap
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -27,6 +28,7 @@ PANEL_IN = 3.4
 PANEL_WIDTH_IN = 4.7
 BELOW_IN = 0.85  # axis label and room to the next panel
 MOST_PANELS = 12
+LABEL_LETTERS = 44  # of a line beside a panel
 
 
 def readings_of(sweep: xr.Dataset) -> list[str]:
@@ -103,8 +105,10 @@ def _draw_panel(axes: Axes, sweep: xr.Dataset, swept: str, name: str) -> None:
     axes.grid(True, which="minor", color=style.RULING, lw=0.6)
     axes.grid(True, which="major", color=style.RULING_MAJOR, lw=0.8)
     about = sweep[name].attrs
-    label = f"{name.removeprefix('value_')} ({about.get('readout')} {about.get('signal')})"
-    axes.set_ylabel(style.with_unit(label, str(about.get("units", ""))))
+    told = (about.get("readout"), about.get("signal"), about.get("window"))
+    label = f"{name.removeprefix('value_')} ({' '.join(str(word) for word in told if word)})"
+    label = style.with_unit(label, str(about.get("units", "")))
+    axes.set_ylabel("\n".join(textwrap.wrap(label, LABEL_LETTERS)))
     axes.yaxis.set_label_coords(-0.155, 0.5)
     axes.set_xlabel(style.with_unit(swept, str(sweep[swept].attrs.get("units", ""))))
     if not known.any():

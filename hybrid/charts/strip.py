@@ -104,11 +104,14 @@ def strip_chart(
     lanes = [_lane(record, name, overloads.get(name, ())) for name in names[:MAX_LANES]]
     spans = _mode_spans(record, time_s)
     head = _heading(record, len(names), LEGEND if spans else "")
-    rows = _table_rows(readouts or {}, prediction or ())
+    transients = {name: its for name, its in (readouts or {}).items() if "omega" in its}
+    others = {name: its for name, its in (readouts or {}).items() if "omega" not in its}
+    rows = _table_rows(transients, prediction or ())
+    readings = _cut([row for name, its in others.items() for row in _readout_rows(name, its)])
     foot = _footnotes(lanes, overloads, float(np.abs(time_s).max(initial=0.0)))
     with style.chart_style():
         broken_off = record.attrs.get("status") in BROKEN_OFF
-        return _draw(time_s, lanes, spans, head, rows, foot, broken_off)
+        return _draw(time_s, lanes, spans, head, (rows, readings), foot, broken_off)
 
 
 def lane_limits(values: Floats, full_scale: float) -> tuple[float, float]:
@@ -243,7 +246,7 @@ def _told(events: Sequence[tuple[float, int]], span_s: float) -> str:
 def _table_rows(
     readouts: Mapping[str, Mapping[str, Any]], prediction: Sequence[Mapping[str, Any]]
 ) -> list[TableRow]:
-    """Return the measured figures, and below them those of each predicted mode."""
+    """Return the measured figures of transients, and below them those of each predicted mode."""
     rows = [row for name, measured in readouts.items() for row in _readout_rows(name, measured)]
     for place, mode in enumerate(prediction, start=1):
         suffix = f", mode {place}" if len(prediction) > 1 else ""
@@ -255,10 +258,15 @@ def _table_rows(
         if any(math.isfinite(value) for value, _ in ideal.values()):
             rows.append(TableRow(f"ideal{suffix}", ideal, color=style.MUTED))
     rows += _pair_rows(readouts, prediction)
-    if len(rows) > MAX_TABLE_ROWS:
-        left_out = len(rows) - MAX_TABLE_ROWS + 1
-        rows = [*rows[: MAX_TABLE_ROWS - 1], TableRow(f"and {left_out} more lines")]
-    return rows
+    return _cut(rows)
+
+
+def _cut(rows: list[TableRow]) -> list[TableRow]:
+    """Return the rows, or the first of many with a note of the rest."""
+    if len(rows) <= MAX_TABLE_ROWS:
+        return rows
+    left_out = len(rows) - MAX_TABLE_ROWS + 1
+    return [*rows[: MAX_TABLE_ROWS - 1], TableRow(f"and {left_out} more lines")]
 
 
 def _pair_rows(
@@ -313,15 +321,20 @@ def _draw(
     lanes: Sequence[Lane],
     spans: list[Span],
     head: Sequence[tuple[str, str]],
-    rows: Sequence[TableRow],
+    tables: tuple[Sequence[TableRow], Sequence[TableRow]],
     foot: Sequence[str],
     broken_off: bool,
 ) -> Figure:
-    """Lay the chart out from the top, in inches: heading, lanes, time axis, table, footnotes."""
+    """Lay the chart out from the top, in inches: heading, lanes, time axis, tables, footnotes.
+
+    tables: of modes, under their headings, and of what other readouts say, which has none.
+    """
+    rows, readings = tables
     lane_in = min(max(9.0 / max(len(lanes), 1), 0.8), 1.35)
     head_in = 0.62 + LINE_IN * (len(head) - 1)
     below_in = head_in + max(len(lanes), 1) * (lane_in + GAP_IN) + 0.62
-    foot_in = below_in + (LINE_IN * (len(rows) + 1) + 0.15 if rows else 0.0)
+    readings_in = below_in + (LINE_IN * (len(rows) + 1) + 0.1 if rows else 0.0)
+    foot_in = readings_in + (LINE_IN * len(readings) + 0.1 if readings else 0.0)
     figure = Figure(figsize=(WIDTH_IN, foot_in + LINE_IN * len(foot) + 0.1))
     style.draw_heading(figure, head)
     limits = _time_limits(time_s, broken_off)
@@ -342,6 +355,7 @@ def _draw(
         write(figure, LEFT_IN, head_in + lane_in / 2, "No signals in this record.", fontsize=11)
     if rows:
         style.draw_table(figure, rows, TABLE_COLUMNS, below_in)
+    style.draw_table(figure, readings, {}, readings_in - LINE_IN)
     for place, line in enumerate(foot):
         write(figure, MARGIN_IN, foot_in + place * LINE_IN, line, color=style.ALARM, va="center")
     return figure
