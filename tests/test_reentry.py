@@ -161,7 +161,7 @@ def test_the_digital_flight_is_that_of_an_independent_integration() -> None:
     time = record["time"].values[1:]
     first = start(80.0, 12.0, (7330.0, 1030.0))
     flown = solve_ivp(
-        rates_of(interpolator()), (0, 50), first, "DOP853", time, rtol=1e-9, atol=1e-9
+        rates_of(interpolator()), (0, 50), first, "DOP853", time, rtol=1e-11, atol=1e-11
     ).y
     swing = record["air.incidence"].values[1:]
     expected, height, speed = [], [], []
