@@ -310,15 +310,20 @@ def play(
             elif cue == START:
                 for k in range(starts[i, 3], starts[i + 1, 3]):
                     registers[shared[k, 0]] = words[shared[k, 1]]
-                outside[clock, helper_functions.REPEAT] = repeat
-                outside[clock, helper_functions.INSTANT] = cues[at, 2]
-                if not limited:
-                    burst, stop = starts[i, 0], starts[i + 1, 0]
-                    # Small programs are nothing else, and need not call for the rest.
-                    while burst < stop and bursts[burst, 0] == MULTIPLY_ADD:
-                        multiply_add(steps, bursts[burst, 1], bursts[burst, 2], registers)
-                        burst += 1
-                    if burst < stop and run_bursts(
+                burst, stop = starts[i, 0], starts[i + 1, 0]
+                # Small programs are nothing but products and sums, and need none of the rest.
+                while burst < stop and not limited and bursts[burst, 0] == MULTIPLY_ADD:
+                    multiply_add(steps, bursts[burst, 1], bursts[burst, 2], registers)
+                    burst += 1
+                if burst < stop:
+                    outside[clock, helper_functions.REPEAT] = repeat
+                    outside[clock, helper_functions.INSTANT] = cues[at, 2]
+                    if limited:
+                        if play_rounded(deck, state, i, noted, repeat, cues[at, 2], last):
+                            outcome = OVERFLOWED
+                        elif stops != NEVER and any_noted(notes):
+                            outcome = OVERLOADED
+                    elif run_bursts(
                         bursts,
                         burst,
                         stop,
@@ -333,14 +338,10 @@ def play(
                     ):
                         first, stop = starts[i, 4], starts[i + 1, 4]
                         note_missed(asks, first, stop, places, intervals, outside)
-                elif play_rounded(deck, state, i, noted, repeat, cues[at, 2], last):
-                    outcome = OVERFLOWED
-                elif stops != NEVER and any_noted(notes):
-                    outcome = OVERLOADED
-                if outside[clock, helper_functions.TIMES] > 0.0:
-                    outcome = OUTSIDE
-                if outcome != PAUSED:
-                    break
+                    if outside[clock, helper_functions.TIMES] > 0.0:
+                        outcome = OUTSIDE
+                    if outcome != PAUSED:
+                        break
                 slot = slots[i, 0]
                 for w in range(starts[i, 1], starts[i + 1, 1]):
                     ring[slot, w] = registers[word_registers[w]]
