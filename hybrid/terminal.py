@@ -48,7 +48,12 @@ def say_if_compiling(machine: Machine, engine: str) -> None:
     """The first run after installation takes a while; say why."""
     from hybrid.engine import kernel
 
-    if not kernel.is_compiled():
+    played_by = [kernel.play]
+    if len(machine.tape.length_of):
+        from hybrid.engine.limited import play_limited
+
+        played_by.append(play_limited)
+    if not all(kernel.is_compiled(play) for play in played_by):
         say("compiling the kernel, once after installation ...")
     if engine == "nonlinear":
         from hybrid.engine.windows import play_circuit

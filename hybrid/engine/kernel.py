@@ -20,7 +20,6 @@ from hybrid.engine.arithmetic import KEEPS, LENGTH, SOURCE_OF, remember
 from hybrid.engine.bursts import MULTIPLY_ADD, multiply_add, run_bursts
 from hybrid.engine.compiling import compiled, inlined
 from hybrid.engine.lookup import note_missed
-from hybrid.engine.rounding import BITS, OVERFLOW, STEP, STOP, code_of, run_rounded, within
 
 Floats = npt.NDArray[np.float64]
 Ints = npt.NDArray[np.int64]
@@ -115,8 +114,9 @@ class State(NamedTuple):
 ADVANCE, SAMPLE, CONVERT, TAKE, START, END, LATCH, SOURCE, LOOK, RECORD = range(10)
 
 # Indices into State.counts: rows to skip, rows written, draws used, place in the
-# segment; whether an overload ends the run: NEVER, the next one, or one that is there already.
-SKIP, ROWS, DRAWS, REPEAT, CUE, STOPS = range(6)
+# segment; whether an overload ends the run: NEVER, the next one, or one that is there already; whether
+# the cycle of limited word length that is to begin has been computed.
+SKIP, ROWS, DRAWS, REPEAT, CUE, STOPS, COMPUTED = range(7)
 NEVER, NEXT, AT_ONCE = range(3)
 # Indices into a row of State.overload: how many instants beyond range, the first (repeat, instant), the
 # worst, and a number for the last instant noted, so that x- and x+ count as one.
@@ -127,9 +127,10 @@ TIMES, FIRST_REPEAT, FIRST_INSTANT, WORST_REPEAT, WORST_INSTANT, LAST = range(6)
 # WAITING: no propagators, so the caller must advance the analog side or let it follow a jump.
 # OUTSIDE: a function of the program was asked beyond its range and is to stop the run there.
 # CALLED: a comparator has switched that starts a task; what is due next must be laid out anew.
+# COMPUTES: a program of limited word length, for which the caller must compute a cycle.
 # GATHERS: a comparator switches at ever shorter intervals, which add up to a finite time.
 DONE, PAUSED, RUNAWAY, NOT_FINITE, WAITING, CHATTERS, NOT_RESOLVED, OVERLOADED = range(8)
-OUTSIDE, OVERFLOWED, CALLED, GATHERS = 8, 9, 10, 11
+OUTSIDE, OVERFLOWED, CALLED, GATHERS, COMPUTES = 8, 9, 10, 11, 12
 
 # Beyond this many machine units a run means nothing any more and soon overflows.
 RUNAWAY_MU = 1e12
@@ -189,43 +190,6 @@ def any_noted(notes: Ints) -> bool:
 
 
 @compiled
-def play_rounded(
-    deck: Deck, state: State, program: int, row: int, repeat: int, at: int, last: int
-) -> bool:
-    """Compute a cycle of limited word length; whether a word overflowed that is to stop the run.
-
-    program: which one; row: of the notes, the first for words. Values noted are in full scales of the
-    word.
-    """
-    first, end = deck.starts[program, 0], deck.starts[program + 1, 0]
-    code, length_of, lengths, owner = deck.code[:end], deck.length_of, deck.lengths, deck.owner
-    r, notes, values = state.registers, state.overload, state.beyond
-    stop, k = False, first
-    while True:
-        k = run_rounded(
-            code,
-            length_of,
-            lengths,
-            r,
-            k,
-            deck.figures,
-            deck.axes,
-            deck.tables,
-            state.outside,
-            state.places,
-            state.intervals,
-        )
-        if k == end:
-            return stop
-        length, target = lengths[length_of[k]], code[k, 1]
-        full_scale = math.ldexp(length[STEP], int(length[BITS]) - 1)
-        note_overload(notes, values, row + owner[k], r[target] / full_scale, repeat, at, last)
-        stop |= length[OVERFLOW] == STOP
-        r[target] = within(code_of(r[target], length), length) * length[STEP]
-        k += 1
-
-
-@compiled
 def play(
     score: Score,
     plant: Plant,
@@ -242,7 +206,8 @@ def play(
     """Play the segment's cues from (counts[REPEAT], counts[CUE]) up to (stop_repeat, stop_cue).
 
     Returns why it ended: PAUSED, RUNAWAY, NOT_FINITE, OVERLOADED where counts[STOPS] asks for it, or
-    WAITING at every ADVANCE and LOOK where there are no propagators; the cue that ended it is not done.
+    WAITING at every ADVANCE and LOOK where there are no propagators, or COMPUTES at every START where
+    word lengths are limited; the cue that ended it is not done.
     `normals` must hold enough draws for that, from counts[DRAWS] on; every `keep_every`-th row of the
     record is kept, in `rows`.
     """
@@ -257,7 +222,6 @@ def play(
     v, next_v, sample, registers, ring, slots, words, count, notes, values, outside = state[:11]
     places, intervals, clock = state.places, state.intervals, outside.shape[0] - 1
     signals, adcs, depth = signal.shape[0], adc.shape[0], ring.shape[0]
-    noted = signals + adcs + dac.shape[0]  # the first row of notes for words
     blocks, columns = change.shape[1], change.shape[2]
     inputs, sums, inputs_at = reach.shape[0], reach.shape[1], kept.shape[0]
     draws_at, column_at = inputs_at + inputs, v.shape[0] - columns
@@ -308,22 +272,25 @@ def play(
                     outcome = OVERLOADED
                     break
             elif cue == START:
-                for k in range(starts[i, 3], starts[i + 1, 3]):
-                    registers[shared[k, 0]] = words[shared[k, 1]]
+                if not limited or count[COMPUTED] == 0:
+                    for k in range(starts[i, 3], starts[i + 1, 3]):
+                        registers[shared[k, 0]] = words[shared[k, 1]]
                 burst, stop = starts[i, 0], starts[i + 1, 0]
                 # Small programs are nothing but products and sums, and need none of the rest.
                 while burst < stop and not limited and bursts[burst, 0] == MULTIPLY_ADD:
                     multiply_add(steps, bursts[burst, 1], bursts[burst, 2], registers)
                     burst += 1
-                if burst < stop:
+                if limited:
+                    if count[COMPUTED] == 0:
+                        outcome = COMPUTES
+                    elif stops != NEVER and any_noted(notes):
+                        outcome = OVERLOADED
+                    else:
+                        count[COMPUTED] = 0
+                elif burst < stop:
                     outside[clock, helper_functions.REPEAT] = repeat
                     outside[clock, helper_functions.INSTANT] = cues[at, 2]
-                    if limited:
-                        if play_rounded(deck, state, i, noted, repeat, cues[at, 2], last):
-                            outcome = OVERFLOWED
-                        elif stops != NEVER and any_noted(notes):
-                            outcome = OVERLOADED
-                    elif run_bursts(
+                    if run_bursts(
                         bursts,
                         burst,
                         stop,
@@ -338,10 +305,10 @@ def play(
                     ):
                         first, stop = starts[i, 4], starts[i + 1, 4]
                         note_missed(asks, first, stop, places, intervals, outside)
-                    if outside[clock, helper_functions.TIMES] > 0.0:
-                        outcome = OUTSIDE
-                    if outcome != PAUSED:
-                        break
+                if outcome == PAUSED and outside[clock, helper_functions.TIMES] > 0.0:
+                    outcome = OUTSIDE
+                if outcome != PAUSED:
+                    break
                 slot = slots[i, 0]
                 for w in range(starts[i, 1], starts[i + 1, 1]):
                     ring[slot, w] = registers[word_registers[w]]

@@ -15,6 +15,7 @@ import numpy as np
 from hybrid.clockwork import Happening
 from hybrid.engine import helper_functions, kernel
 from hybrid.engine.kernel import Coupling, Deck, Pens, Plant, Score, State
+from hybrid.engine.limited import play_limited
 from hybrid.engine.lookup import new_places, pack
 from hybrid.engine.propagator import Propagator, propagator
 from hybrid.errors import PatchError
@@ -129,7 +130,8 @@ class Player:
 
     def _play_to(self, score: Score, normals: Floats, stop_repeat: int, stop_cue: int) -> int:
         """Play on in the segment; why it ended."""
-        outcome: int = kernel.play(
+        play = play_limited if len(self.deck.length_of) else kernel.play
+        outcome: int = play(
             score,
             self.plant,
             self.coupling,
@@ -531,7 +533,7 @@ def _state(machine: Machine, plant: Plant) -> State:
         np.zeros((latency, words)),
         np.zeros((max(len(timing.tasks), 1), 2), dtype=np.int64),
         machine.tape.registers[machine.tape.word_registers],
-        np.zeros(6, dtype=np.int64),
+        np.zeros(7, dtype=np.int64),
         np.zeros((watched, 6), dtype=np.int64),
         np.zeros((watched, 2)),
         np.zeros((len(machine.tape.sites) + 1, 6)),

@@ -20,6 +20,7 @@ from hybrid.engine.circuit import Builder, Circuit
 from hybrid.engine.compiling import allocating, compiled
 from hybrid.engine.corners import Log, new_log, settle
 from hybrid.engine.kernel import Coupling, Deck, Floats, Ints, Pens, Plant, Score, State
+from hybrid.engine.limited import compute
 from hybrid.engine.linear import Overload, Player
 from hybrid.engine.nodes import RESOLUTION, Nodes, Shelf, new_shelf, nodes
 from hybrid.engine.noise import Noise, jump, new_noise
@@ -201,6 +202,47 @@ def play_circuit(
 
 
 @allocating
+def play_limited_circuit(
+    score: Score,
+    plant: Plant,
+    coupling: Coupling,
+    deck: Deck,
+    pens: Pens,
+    state: State,
+    normals: Floats,
+    rows: Floats,
+    keep_every: int,
+    stop_repeat: int,
+    stop_cue: int,
+    side: Side,
+    noise: Noise | None,
+    clock: Clock,
+) -> int:
+    """The same for programs of limited word length."""
+    while True:
+        outcome = play_circuit(
+            score,
+            plant,
+            coupling,
+            deck,
+            pens,
+            state,
+            normals,
+            rows,
+            keep_every,
+            stop_repeat,
+            stop_cue,
+            side,
+            noise,
+            clock,
+        )
+        if outcome != kernel.COMPUTES:
+            return int(outcome)
+        if compute(score, deck, state):
+            return int(kernel.OVERFLOWED)
+
+
+@allocating
 def begin(side: Side, noise: Noise | None, plant: Plant, state: State, held: Floats) -> None:
     """Let loops come to rest with these figures at the inputs, and every signal follow, at t = 0."""
     settle_loops(side, held)
@@ -355,7 +397,8 @@ class CircuitPlayer(Player):
         return tuple(sorted(found, key=lambda o: (o.time_s, o.signal)))
 
     def _play_to(self, score: Score, normals: Floats, stop_repeat: int, stop_cue: int) -> int:
-        outcome: int = play_circuit(
+        play = play_limited_circuit if len(self.deck.length_of) else play_circuit
+        outcome: int = play(
             score,
             self.plant,
             self.coupling,
