@@ -1,9 +1,10 @@
 """A program of limited word length, played: every operation rounds, as in the machine.
 
 Stage 4, for `limited`. An operation is computed as a double, with the sign of what that leaves out, so
-that the result is rounded once: where something was left out, the double is made odd in its last bit, which no rounding to 50 bits or fewer can mistake for a tie or for an exact result
-("round to odd": Boldo, Melquiond, IEEE Trans. Computers 57, 2008). Functions are good to a double's ulp
-before they are rounded.
+that the result is rounded once: where something was left out, the double is made odd in its last bit,
+which no rounding to 50 bits or fewer can mistake for a tie or for an exact result ("round to odd":
+Boldo, Melquiond, IEEE Trans. Computers 57, 2008). Functions are good to a double's ulp before they are
+rounded.
 """
 
 from __future__ import annotations
