@@ -273,7 +273,8 @@ def largest_cycle_s(machine: Machine, max_damping_error: float) -> float | None:
     Steps up by a fifth from a T far below any mode until the error is exceeded, then bisects to 1e-12
     of T. So the error is kept at the T given and at every step below it, and exceeded just above.
     Between two steps it is not looked at: an excursion that has come back within a fifth of T would be
-    missed. None where no step up to one sample per half oscillation exceeds it. Raises RunError where
+    missed. A mode that grows without being the one nearest to an ideal one counts as an error without
+    bound. None where no step up to one sample per half oscillation exceeds it. Raises RunError where
     the patch has no digital machine or no ideal oscillation to compare with, or where lags alone
     exceed the error.
     """
