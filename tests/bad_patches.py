@@ -67,7 +67,7 @@ KEYS = [
     Wrong("readout", "{transient: angle}", "{transient: angle, to: 1 s}", ("'to'", "until")),
     Wrong("machine", "machine: ideal", "machine: {serail: 3}", ("'serail'", "'serial'")),
     Wrong("kind", "{sine: 0.1 V", "{sien: 0.1 V", ("'wind'", "'sien'", "did you mean", "'sine'")),
-    Wrong("kind, no likeness", "{sine: 0.1 V", "{zzz: 0.1 V", ("'zzz'", "integrate", "divide")),
+    Wrong("kind, no likeness", "{sine: 0.1 V", "{zzz: 0.1 V", ("'zzz'", "constant", "divide")),
     Wrong("kind missing", "{sine: 0.1 V, omega: 3 rad/s, full", "{full", ("no kind", "integrate")),
     Wrong("two kinds", "{sine: 0.1 V,", "{sine: 0.1 V, sum: {angle: 1},", ("sine and sum", "keep")),
     Wrong("converter kind", "{adc: angle,", "{adb: angle,", ("'adb'", "did you mean 'adc'")),

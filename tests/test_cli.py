@@ -336,7 +336,7 @@ def test_the_list(capsys: pytest.CaptureFixture[str]) -> None:
 def test_the_first_run_says_that_it_compiles(
     monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], here: Path
 ) -> None:
-    monkeypatch.setattr(kernel, "is_compiled", lambda: False)
+    monkeypatch.setattr(kernel, "is_compiled", lambda _: False)
     assert main(["run", "loop.yaml", "--no-chart"]) == 0
     assert capsys.readouterr().err == "hybrid: compiling the kernel, once after installation ...\n"
     asked = "from hybrid.engine import kernel; print(kernel.is_compiled())"

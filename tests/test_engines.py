@@ -209,6 +209,6 @@ def test_the_command(tmp_path, monkeypatch, capsys):
     assert found["engine"] == "reference"
     assert found["prediction"][0]["closed_form"]["equation"] == "2.1"
     assert main([*order, "nonlinear"]) == 0
-    assert ", nonlinear engine; 5 cycles" in capsys.readouterr().out
+    assert "of full scale); 5 cycles" in capsys.readouterr().out
     assert main([*order, "fast"]) == 2
     assert "unknown engine 'fast'" in capsys.readouterr().err

@@ -29,12 +29,6 @@ def allocating(function: Any) -> Any:
     return _njit(**_FUSED, _nrt=True)(function)
 
 
-def compiled_alike(function: _Function) -> _Function:
-    """The same, for what calls it with the types it was written with."""
-    made: _Function = compiled(function)
-    return made
-
-
 def inlined(function: Any) -> Any:
     """Compiled into its caller: a call would cost more than these few operations."""
     return _njit(**_FUSED, _nrt=False, inline="always")(function)
@@ -46,3 +40,9 @@ def strictly(function: Any) -> Any:
     To leave `fastmath` out is not enough: numba then takes that of the function which calls this one.
     """
     return _njit(**_COMMON, _nrt=False, fastmath=False)(function)
+
+
+def strictly_alike(function: _Function) -> _Function:
+    """The same, for what calls it with the types it was written with."""
+    made: _Function = strictly(function)
+    return made

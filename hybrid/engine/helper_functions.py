@@ -12,23 +12,23 @@ import numpy as np
 import numpy.typing as npt
 
 from hybrid import surroundings
-from hybrid.engine.compiling import compiled_alike
+from hybrid.engine.compiling import strictly_alike
 from hybrid.numbering import Burst
 from hybrid.tables import CONTINUES, STOPS
 from hybrid.tape import Op
 
 Floats = npt.NDArray[np.float64]
 
-_us76_layer = compiled_alike(surroundings.us76_layer)
-_us76_temperature = compiled_alike(surroundings.us76_temperature)
-_us76_pressure = compiled_alike(surroundings.us76_pressure)
-_us76_sound_speed = compiled_alike(surroundings.us76_sound_speed)
-_exponential_density = compiled_alike(surroundings.exponential_density)
-_gravity_sphere = compiled_alike(surroundings.gravity_sphere)
-_gravity_j2 = compiled_alike(surroundings.gravity_j2)
-_gravity_j2_polar = compiled_alike(surroundings.gravity_j2_polar)
-_geodetic_meridian = compiled_alike(surroundings.geodetic_meridian)
-_earth_fixed = compiled_alike(surroundings.earth_fixed)
+_us76_layer = strictly_alike(surroundings.us76_layer)
+_us76_temperature = strictly_alike(surroundings.us76_temperature)
+_us76_pressure = strictly_alike(surroundings.us76_pressure)
+_us76_sound_speed = strictly_alike(surroundings.us76_sound_speed)
+_exponential_density = strictly_alike(surroundings.exponential_density)
+_gravity_sphere = strictly_alike(surroundings.gravity_sphere)
+_gravity_j2 = strictly_alike(surroundings.gravity_j2)
+_gravity_j2_polar = strictly_alike(surroundings.gravity_j2_polar)
+_geodetic_meridian = strictly_alike(surroundings.geodetic_meridian)
+_earth_fixed = strictly_alike(surroundings.earth_fixed)
 
 
 TEMPERATURE_US76, PRESSURE_US76, DENSITY_US76, SOUND_SPEED_US76 = (
@@ -55,7 +55,7 @@ LOWEST_M, HIGHEST_M = surroundings.US76_LOWEST_M, surroundings.US76_HIGHEST_M
 TIMES, SEGMENT, REPEAT, INSTANT, ARGUMENT, VALUE = range(6)
 
 
-@compiled_alike
+@strictly_alike
 def note_outside(notes: Floats, site: int, argument: int, value: float, action: int) -> None:
     """Remember that a function was asked beyond its range: the first time, or what stops the run."""
     clock = notes.shape[0] - 1
@@ -69,7 +69,7 @@ def note_outside(notes: Floats, site: int, argument: int, value: float, action: 
         notes[clock, TIMES] += 1.0
 
 
-@compiled_alike
+@strictly_alike
 def compute_helper(op: int, r: Floats, at: int, site: int, notes: Floats) -> float:
     """A helper function of the registers from `at` on; `site` is its row of `notes`."""
     if op <= SOUND_SPEED_US76:
@@ -102,7 +102,7 @@ def compute_helper(op: int, r: Floats, at: int, site: int, notes: Floats) -> flo
     return x if op == X_WGS84 else (y if op == Y_WGS84 else z)
 
 
-@compiled_alike
+@strictly_alike
 def compute_jointly(op: int, r: Floats, at: int, first: int, second: int, third: int) -> None:
     """Several results of one formula of the registers from `at` on, each into its register.
 

@@ -12,7 +12,7 @@ from collections.abc import Iterable, Sequence
 import numpy as np
 import numpy.typing as npt
 
-from hybrid.engine.compiling import compiled_alike
+from hybrid.engine.compiling import strictly_alike
 from hybrid.engine.helper_functions import note_outside
 from hybrid.tables import CONTINUES, METHODS, MOST_VARIABLES, Axis, Table
 
@@ -79,7 +79,7 @@ def new_places(axes: Ints) -> tuple[Floats, Ints]:
     return np.zeros((rows, 4)), np.zeros((len(axes), 2), dtype=np.int64)
 
 
-@compiled_alike
+@strictly_alike
 def _find(figures: Floats, points: int, count: int, x: float, start: int) -> int:
     """The interval of x: points[i] <= x < points[i + 1]; the first and the last one have no end."""
     last = count - 2
@@ -103,14 +103,14 @@ def _find(figures: Floats, points: int, count: int, x: float, start: int) -> int
     return low
 
 
-@compiled_alike
+@strictly_alike
 def _straight(v: Floats, at: int, stride: int, t: float) -> float:
     """Between two neighbouring values; both ends are met exactly."""
     between: float = (1.0 - t) * v[at] + t * v[at + stride]
     return between
 
 
-@compiled_alike
+@strictly_alike
 def _edge_slope(h: float, next_h: float, m: float, next_m: float) -> float:
     """Slope at an end of a monotone cubic: of three points, kept from overshooting."""
     slope = ((2.0 * h + next_h) * m - h * next_m) / (h + next_h)
@@ -121,7 +121,7 @@ def _edge_slope(h: float, next_h: float, m: float, next_m: float) -> float:
     return slope
 
 
-@compiled_alike
+@strictly_alike
 def _inner_slope(h: float, next_h: float, m: float, next_m: float) -> float:
     """Slope at an inner point: weighted harmonic mean, and none where the data turn."""
     if m * next_m <= 0.0:
@@ -130,7 +130,7 @@ def _inner_slope(h: float, next_h: float, m: float, next_m: float) -> float:
     return (w + next_w) / (w / m + next_w / next_m)
 
 
-@compiled_alike
+@strictly_alike
 def _cubic(
     p: Floats,
     points: int,
@@ -176,7 +176,7 @@ def _cubic(
     return ends + h * s * t * (s * slope0 - t * slope1)
 
 
-@compiled_alike
+@strictly_alike
 def seek(
     find: int, asked: float, figures: Floats, axes: Ints, places: Floats, intervals: Ints
 ) -> bool:
@@ -198,7 +198,7 @@ def seek(
     return missed
 
 
-@compiled_alike
+@strictly_alike
 def note_missed(
     asks: npt.NDArray[np.int32],
     first: int,
@@ -219,7 +219,7 @@ def note_missed(
         intervals[find, MISSED] = 0
 
 
-@compiled_alike
+@strictly_alike
 def _cubics(
     f: Floats, axes: Ints, tables: Ints, row: int, count: int, at: int, r: Floats, i: Ints
 ) -> float:
@@ -262,7 +262,7 @@ def _cubics(
     return value
 
 
-@compiled_alike
+@strictly_alike
 def read(
     row: int, figures: Floats, axes: Ints, tables: Ints, places: Floats, intervals: Ints
 ) -> float:
@@ -273,7 +273,7 @@ def read(
     return _linear(figures, tables, row, count, values, places, intervals)
 
 
-@compiled_alike
+@strictly_alike
 def look_up(
     r: Floats,
     at: int,
@@ -295,20 +295,20 @@ def look_up(
     return read(row, figures, axes, tables, places, intervals)
 
 
-@compiled_alike
+@strictly_alike
 def line(f: Floats, at: int, k: int, t: float) -> float:
     """A linear table of one variable, whose values begin at `at`."""
     return _straight(f, at + k, 1, t)
 
 
-@compiled_alike
+@strictly_alike
 def plane(f: Floats, at: int, stride: int, t: float, last: float) -> float:
     """Between four values, the first of which is at `at`; `last`: along the last variable."""
     near: float = (1.0 - t) * _straight(f, at, 1, last) + t * _straight(f, at + stride, 1, last)
     return near
 
 
-@compiled_alike
+@strictly_alike
 def _linear(f: Floats, tables: Ints, row: int, axes: int, at: int, r: Floats, i: Ints) -> float:
     """Multilinear, or on along the last straight line beyond the ends."""
     t0, t1, t2, t3, s0, s1, s2 = 0.0, 0.0, 0.0, 0.0, 0, 0, 0
