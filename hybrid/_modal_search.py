@@ -417,7 +417,7 @@ def _without_overgrowth(mode: Mode) -> Mode:
     """
     while len(mode.values) >= 2 * FEWEST_GROWING:
         earlier = mode.values[: len(mode.values) // 2]
-        if float(np.ptp(earlier)) < ROUNDED_OFF:
+        if len(earlier) < mode.dropped + LEFT_ROWS or float(np.ptp(earlier)) < ROUNDED_OFF:
             return mode
         rest = _fit_rows(earlier, mode.dropped, True, None)
         if rest is None or not rest.outgrows_itself():

@@ -48,19 +48,24 @@ def say_if_compiling(machine: Machine, engine: str) -> None:
     """The first run after installation takes a while; say why."""
     from hybrid.engine import kernel
 
-    played_by = [kernel.play]
-    if len(machine.tape.length_of):
-        from hybrid.engine.limited import play_limited
-
-        played_by.append(play_limited)
-    if not all(kernel.is_compiled(play) for play in played_by):
+    limited = len(machine.tape.length_of) > 0
+    if not kernel.is_compiled(kernel.play) or (limited and engine == "exact" and _rounds_anew()):
         say("compiling the kernel, once after installation ...")
     if engine == "nonlinear":
-        from hybrid.engine.windows import play_circuit
+        from hybrid.engine.windows import play_circuit, play_limited_circuit
 
         noisy = any(element.noise > 0.0 for _, element in machine.elements)
-        if not kernel.is_compiled(play_circuit, "Noise(" if noisy else "none"):
+        play = play_limited_circuit if limited else play_circuit
+        if not kernel.is_compiled(play, "Noise(" if noisy else "none"):
             say("compiling the nonlinear engine, once after installation: a minute or two ...")
+
+
+def _rounds_anew() -> bool:
+    """Whether programs of limited word length are still to be compiled."""
+    from hybrid.engine import kernel
+    from hybrid.engine.limited import play_limited
+
+    return not kernel.is_compiled(play_limited)
 
 
 def console() -> Console:

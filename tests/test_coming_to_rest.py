@@ -132,3 +132,22 @@ def test_intervals_that_only_shrink_end_nothing():
     time, but does not come to an end."""
     result = hybrid.run(hybrid.parse_patch(CHIRP))
     assert (result.status, result.status_note) == ("complete", "")
+
+
+RELAY = """
+title: A mass with friction that a relay drives to and fro
+machine: ideal
+analog:
+  x: {integrate: {v: SCALE}, initial: 1e-3*SCALE, full_scale: SCALE}
+  v: {integrate: {side: -200, v: -200}, initial: 0, full_scale: 2}
+  side: {compare: {x: 1}, low: -1, high: 1, full_scale: 1}
+run: {until: 250 ms, every: 1 ms}
+"""
+
+
+@pytest.mark.parametrize("scale", ["1", "1e-9"])
+def test_intervals_that_shrink_less_and_less_come_to_no_end(scale):
+    """x'' = -F sgn x - d x': an interval T is shorter than the one before by d T^2 / 6 to lowest order,
+    so they go as 6 / (d n), and their sum as its logarithm, to no end; whatever the unit of x."""
+    result = hybrid.run(hybrid.parse_patch(RELAY.replace("SCALE", scale)))
+    assert (result.status, result.status_note) == ("complete", "")

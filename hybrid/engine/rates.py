@@ -51,7 +51,7 @@ def _of_circuit(machine: Machine, wait_s: float, step_s: float, steps: int) -> S
     from hybrid.engine import sweep, windows  # take long to load
     from hybrid.engine.circuit import CORNER
     from hybrid.engine.nodes import RESOLUTION
-    from hybrid.engine.relaxation import advance
+    from hybrid.engine.relaxation import DONE, advance
 
     side, names = windows.side_of(machine)
     circuit, state = side.circuit, side.state
@@ -63,7 +63,7 @@ def _of_circuit(machine: Machine, wait_s: float, step_s: float, steps: int) -> S
     switched, shown, now_s = False, [], 0.0
     why_not: dict[str, str] = {}
     for duration_s in (wait_s, *[step_s] * steps):
-        advance(
+        why, _ = advance(
             circuit,
             state,
             side.shelf,
@@ -76,7 +76,8 @@ def _of_circuit(machine: Machine, wait_s: float, step_s: float, steps: int) -> S
             None,
         )
         now_s += duration_s
-        switched |= int(state.counts[sweep.EVENTS]) > 0
+        # What ends the run by itself, such as an overload, shows no more rates than a switch does.
+        switched |= int(state.counts[sweep.EVENTS]) > 0 or why != DONE
         shown.append(state.start[side.place])
     integrators = {c.name for c in machine.patch.components if c.kind == "integrate"}
     for name, e in zip(machine.analog.signals, side.place.tolist(), strict=True):

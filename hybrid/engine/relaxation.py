@@ -56,7 +56,7 @@ from hybrid.modes import CONTINUE, STOP_RUN
 # at ever shorter intervals, and have come too close to each other to be told apart.
 DONE, RUNAWAY, CHATTER, UNRESOLVED, OVERLOADED, SWITCHED, GATHERED = range(7)
 
-# How far from its bound a guard may be at an event, in machine units: below `corners.SLACK_AT_REST`.
+# How far from its bound a guard may be at an event, in the guard's unit: below `corners.SLACK_AT_REST`.
 MOST_MISS = 1e-12
 # No window is made shorter.
 SHORTEST_S = 1e-15
@@ -124,7 +124,7 @@ def advance(
                 return _lost(state), now
             reject(state, taus_s, length, tail / rtol, len(grid.marks))
             continue
-        corner, at, over, earlier, by = -1, 1.0, -1, 1.0, 0
+        corner, at, over, earlier, by, ends = -1, 1.0, -1, 1.0, 0, False
         if circuit.corners.shape[0] > 0:
             corner, at = first_exit(circuit, state, grid)
         if counts[ON_OVERLOAD] != CONTINUE:
@@ -142,6 +142,8 @@ def advance(
             left_s = duration_s - now
             if not play_truth(circuit, state, noise, grid, t_s + now, length, left_s, tolerance):
                 return _lost(noise.truth), now
+        if by != 0:
+            ends = gathers(circuit, state, grid, corner, by, t_s + now + length, length)
         if length > 0.0:
             whole = over < 0 and by == 0 and length == duration_s - now
             now = duration_s if whole else min(now + length, duration_s)
@@ -157,7 +159,6 @@ def advance(
         elif by == 0:
             adapt(state, taus_s, length, tail / rtol, len(grid.marks))
         else:
-            ends = gathers(circuit, state, grid, corner, by, t_s + now, length)
             change_piece(circuit, state, corner, by, now, log)
             settle(circuit, state, state, t_s, now, log, False, 0.0)
             begin_short(state, AFTER_EVENT)

@@ -26,7 +26,6 @@ from hybrid.engine.circuit import (
 )
 from hybrid.engine.kernel import Floats
 from hybrid.engine.sweep import ENDED_BY, FROM_S, MOST, SHRUNK, TURNED_S, TURNS, State
-from hybrid.engine.switching import SHRINKING
 from hybrid.errors import PatchError
 from hybrid.machine import Machine
 
@@ -48,15 +47,16 @@ def chattering(circuit: Circuit, names: Sequence[str], changes: Floats) -> tuple
     return tuple(found)
 
 
-def ended_by(circuit: Circuit, names: Sequence[str], state: State) -> str:
-    """What the part did that ended the run by how it switches; '' where none did."""
+def ended_by(circuit: Circuit, names: Sequence[str], state: State, gathered: bool) -> str:
+    """What the part did that ended the run by how it switches; '' where none did. gathered: its changes
+    add up to a finite time, else it chatters."""
     corner = int(state.counts[ENDED_BY])
     if corner < 0:
         return ""
     name, _, _ = names[circuit.corners[corner, OWNER]].partition(":")
     ways = state.changes[corner, TURNED_S:].reshape(-1, TURNS).tolist()
-    turned_s, span_s, ratio, shrunk = max(ways, key=lambda way: way[SHRUNK - TURNED_S])
-    if shrunk < SHRINKING:
+    turned_s, span_s, ratio, *_ = max(ways, key=lambda way: way[SHRUNK - TURNED_S])
+    if not gathered:
         return f"{name} chatters: give it hysteresis, or what it drives a lag"
     ends_s = turned_s + span_s * ratio / (1.0 - ratio)
     return (

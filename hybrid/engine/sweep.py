@@ -102,7 +102,7 @@ class State(NamedTuple):
     rungs: Floats  # (2, RUNGS): length of the windows after a jump, see below; 0: not learned
     counts: Ints  # see the constants below
     watched: Ints  # (n,): 1 where an overload may stop the run or hold the machine
-    changes: Floats  # (corners, 13): see the columns below
+    changes: Floats  # (corners, 17): see the columns below
     calls: Ints  # (n, 2): see the columns below
 
 
@@ -116,10 +116,11 @@ FIRST_S, FIRST_VALUE, WORST_VALUE, WORST_S, BEYOND_S, TIMES = range(6)
 # Columns of State.changes, of changes of piece: when the last one was; how many have followed each other
 # within a few lags, since when; of those that were too many: from when on, how many at most. Of changes
 # upward, and TURNS columns further of those downward: when the last one was, the interval before it, its
-# share of the interval before that, and how many such shares in a row were below 1.
+# share of the interval before that, how many such shares in a row were below 1, by how much the first of
+# these was, and how far the guard swung then.
 LAST_S, IN_A_ROW, SINCE_S, FROM_S, MOST = range(5)
-TURNED_S, SPAN_S, RATIO, SHRUNK = range(5, 9)
-TURNS = 4
+TURNED_S, SPAN_S, RATIO, SHRUNK, GAP, SWUNG = range(5, 11)
+TURNS = 6
 # Indices into State.clock: time since the last jump, length of windows where no layer lasts, length of
 # the last window; largest error estimate of a window, and their sum for the ends of the windows; when
 # an overload stopped the run or held the machine; length that the last window suggests for the next.
@@ -151,7 +152,7 @@ def new_state(circuit: Circuit, q: int = 8) -> State:
     memory[:, AS] = OP
     memory[:, [X, X_END, BEFORE, BEFORE_END]] = circuit.initial[:, :1]
     first_s = 2.0 * circuit.taus_s[0] if len(circuit.taus_s) else math.inf
-    rungs, counts, changes = np.zeros((2, RUNGS)), np.zeros(14, dtype=np.int64), np.zeros((m, 13))
+    rungs, counts, changes = np.zeros((2, RUNGS)), np.zeros(14, dtype=np.int64), np.zeros((m, 17))
     rungs[:, 0], counts[ENDED_BY] = first_s, -1
     changes[:, [LAST_S, TURNED_S, TURNED_S + TURNS]], changes[:, FROM_S] = -math.inf, math.nan
     return State(

@@ -15,6 +15,7 @@ from hybrid.engine.kernel import Floats
 from hybrid.engine.nodes import Nodes
 from hybrid.engine.sweep import (
     FROM_S,
+    GAP,
     IN_A_ROW,
     LAST_S,
     MOST,
@@ -22,6 +23,7 @@ from hybrid.engine.sweep import (
     SHRUNK,
     SINCE_S,
     SPAN_S,
+    SWUNG,
     TURNED_S,
     TURNS,
     State,
@@ -33,12 +35,15 @@ CHATTER_LAGS = 4.0
 # Changes that follow each other within so many lags of the part are as fast as loops of lags swing.
 QUICK_LAGS = 16.0
 CHATTER_S = 1e-12
-# Intervals each shorter than this share of the one before, so many in a row, are taken to go on so. They
-# are followed until what the guard does between two changes is only so many times what locating misses,
-# and all that is left is well within the shortest lag.
+# Intervals each shorter than this share of the one before, so many in a row, and by a share that stays
+# within SAME_GAP, are taken to go on so. They are followed until the guard swings by so little between
+# two changes, of its unit and of what it did when they began to shrink, and all that is left is well
+# within the shortest lag.
 SHRINKS = 0.9995
 SHRINKING = 3
+SAME_GAP = 0.1
 LEAST_SWING = 1e-9
+LEAST_SHARE = 1e-3
 SHARE_OF_LAG = 0.1
 
 
@@ -80,7 +85,8 @@ def gathers(
     at_s: float,
     length_s: float,
 ) -> bool:
-    """Count a change; whether such changes, up or down, are about to come to an end of their time.
+    """Count a change that a window is about to end with; whether such changes, up or down, are about to
+    come to an end of their time.
 
     A guard that falls back as a ball does, at a constant rate, swings by slope * interval / 4.
     """
@@ -89,19 +95,25 @@ def gathers(
     ratio = span / before if before > 0.0 else math.inf
     changes[corner, TURNED_S + k], changes[corner, SPAN_S + k] = at_s, span
     changes[corner, RATIO + k] = ratio
+    swing = math.inf
+    if length_s > 0.0:  # a window of no length has no slope; the way back is looked at, too
+        slope = grid.slopes[1, q, 0] * state.guard_start[corner]
+        for j in range(q):
+            slope += grid.slopes[1, q, j + 1] * state.guard[corner, j]
+        swing = 0.25 * abs(slope) / length_s * span
     if not 0.0 < ratio < SHRINKS:
         changes[corner, SHRUNK + k] = 0.0
         return False
     changes[corner, SHRUNK + k] += 1.0
+    if changes[corner, SHRUNK + k] == 1.0:
+        changes[corner, GAP + k], changes[corner, SWUNG + k] = 1.0 - ratio, swing
     left_s = span * ratio / (1.0 - ratio)
     if circuit.taus_s.shape[0] > 0 and left_s > SHARE_OF_LAG * circuit.taus_s[0]:
         return False
-    # A window of no length has no slope; the way back is looked at, too.
-    if changes[corner, SHRUNK + k] < SHRINKING or not length_s > 0.0:
+    # Intervals as 1, 1/2, 1/3, ... shrink as well, less and less, and come to no end.
+    if abs(1.0 - ratio - changes[corner, GAP + k]) > SAME_GAP * changes[corner, GAP + k]:
         return False
-    slope = grid.slopes[1, q, 0] * state.guard_start[corner]
-    for j in range(q):
-        slope += grid.slopes[1, q, j + 1] * state.guard[corner, j]
     p = circuit.corners[corner, FIRST_PIECE] + state.piece[corner]
     bound = circuit.pieces[p, HIGH] if by > 0 else circuit.pieces[p, LOW]
-    return bool(0.25 * abs(slope) / length_s * span < LEAST_SWING * max(1.0, abs(bound)))
+    least = min(LEAST_SWING * max(1.0, abs(bound)), LEAST_SHARE * changes[corner, SWUNG + k])
+    return bool(changes[corner, SHRUNK + k] >= SHRINKING and swing < least)

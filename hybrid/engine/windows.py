@@ -218,8 +218,11 @@ def play_limited_circuit(
     noise: Noise | None,
     clock: Clock,
 ) -> int:
-    """The same for programs of limited word length."""
-    while True:
+    """The same for programs of limited word length, a cycle of which is computed between two calls."""
+    last = side.state.counts[WINDOWS] + CHUNK_WINDOWS
+    for _ in range(CHUNK_ADVANCES):
+        if side.state.counts[WINDOWS] > last:
+            break
         outcome = play_circuit(
             score,
             plant,
@@ -240,6 +243,7 @@ def play_limited_circuit(
             return int(outcome)
         if compute(score, deck, state):
             return int(kernel.OVERFLOWED)
+    return kernel.PAUSED
 
 
 @allocating
@@ -382,7 +386,8 @@ class CircuitPlayer(Player):
     @property
     def why_ended(self) -> str:
         """Which part ended the run by how it switches."""
-        return ended_by(self.side.circuit, self.names, self.side.state)
+        gathered = self.outcome == kernel.GATHERS
+        return ended_by(self.side.circuit, self.names, self.side.state, gathered)
 
     def overloads(self) -> tuple[Overload, ...]:
         """Converters as the kernel saw them; analog signals as they went between the instants, too."""
