@@ -52,7 +52,7 @@ def say_if_compiling(machine: Machine, engine: str) -> None:
     if not kernel.is_compiled(kernel.play) or (limited and engine == "exact" and _rounds_anew()):
         say("compiling the kernel, once after installation ...")
     if engine == "nonlinear":
-        from hybrid.engine.windows import play_circuit, play_limited_circuit
+        from hybrid.engine.interplay import play_circuit, play_limited_circuit
 
         noisy = any(element.noise > 0.0 for _, element in machine.elements)
         play = play_limited_circuit if limited else play_circuit

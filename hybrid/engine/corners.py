@@ -255,7 +255,7 @@ def _settle_in_order(
     moving_s: float,
 ) -> bool:
     """One pass of `settle`; whether an integrator or a store moved that had been read before."""
-    # Plain names, and no calls with arrays on the common path: both would count references.
+    # Plain names: each array is looked up once, and not at every use.
     rows, figures, signal, gain = circuit.rows, circuit.figures, circuit.signal, circuit.gain
     laws, initial = circuit.laws, circuit.initial
     start, memory, piece = state.start, state.memory, state.piece

@@ -211,7 +211,7 @@ def play(
     `normals` must hold enough draws for that, from counts[DRAWS] on; every `keep_every`-th row of the
     record is kept, in `rows`.
     """
-    # Plain names, and no calls with arrays on the common path: both would count references.
+    # Plain names: each array is looked up once, and not at every use.
     cues = score.cues
     change, kept, draws, signal, reach = plant
     adc, adc_figures, dac, dac_figures, stepped, step_values = coupling

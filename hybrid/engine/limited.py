@@ -7,51 +7,20 @@ the first such program is played.
 from __future__ import annotations
 
 import math
+from typing import Any
 
 from hybrid.engine import helper_functions, kernel
 from hybrid.engine.compiling import compiled
-from hybrid.engine.kernel import (
-    Coupling,
-    Deck,
-    Floats,
-    Pens,
-    Plant,
-    Score,
-    State,
-    note_overload,
-)
+from hybrid.engine.kernel import Deck, Score, State, note_overload
 from hybrid.engine.rounding import BITS, OVERFLOW, STEP, STOP, code_of, run_rounded, within
 
 
 @compiled
-def play_limited(
-    score: Score,
-    plant: Plant,
-    coupling: Coupling,
-    deck: Deck,
-    pens: Pens,
-    state: State,
-    normals: Floats,
-    rows: Floats,
-    keep_every: int,
-    stop_repeat: int,
-    stop_cue: int,
-) -> int:
-    """Like `kernel.play`, for programs of limited word length."""
+def play_limited(*given: Any) -> int:
+    """`kernel.play` for programs of limited word length."""
+    score, deck, state = given[0], given[3], given[5]
     while True:
-        outcome = kernel.play(
-            score,
-            plant,
-            coupling,
-            deck,
-            pens,
-            state,
-            normals,
-            rows,
-            keep_every,
-            stop_repeat,
-            stop_cue,
-        )
+        outcome = kernel.play(*given)
         if outcome != kernel.COMPUTES:
             return int(outcome)
         if compute(score, deck, state):

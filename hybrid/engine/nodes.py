@@ -217,3 +217,12 @@ def point_weights(grid: Nodes, at: float, degree: int, out: Floats) -> None:
         for k in range(out.shape[0]):
             out[k] += now * grid.series[n, k]
         before, now = now, ((2 * n + 1) * x * now - n * before) / (n + 1)
+
+
+@compiled
+def slope_at(grid: Nodes, start: float, nodes: Floats, point: int) -> float:
+    """The slope at one of the points, per window, of the signal through `start` and `nodes` (q,)."""
+    slope = grid.slopes[1, point, 0] * start
+    for j in range(len(grid.marks)):
+        slope += grid.slopes[1, point, j + 1] * nodes[j]
+    return float(slope)

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from hybrid.engine.compiling import compiled
 from hybrid.engine.kernel import Floats
-from hybrid.engine.nodes import RESOLUTION, Nodes
+from hybrid.engine.nodes import RESOLUTION, Nodes, slope_at
 from hybrid.engine.sweep import (
     BEYOND_S,
     FIRST_S,
@@ -45,9 +45,9 @@ def _note(
 ) -> None:
     """Look at the signal between each two points, parted where it turns."""
     q, found = len(grid.marks), False
-    before_at, before, slope_before = 0.0, start, _slope(grid, start, nodes, 0)
+    before_at, before, slope_before = 0.0, start, slope_at(grid, start, nodes, 0)
     for k in range(q):
-        end_at, end, slope_end = grid.points[k + 1], nodes[k], _slope(grid, start, nodes, k + 1)
+        end_at, end, slope_end = grid.points[k + 1], nodes[k], slope_at(grid, start, nodes, k + 1)
         turn_at, turn = before_at, 0.0
         rise = _tangents_meet(before, slope_before, end, slope_end, end_at - before_at)
         if slope_before * slope_end < 0.0 and abs(rise) > 1.0 + RESOLUTION:
@@ -107,15 +107,6 @@ def _tangents_meet(
     if slope_before == slope_end:
         return before
     return before + slope_before * (end - before - slope_end * width) / (slope_before - slope_end)
-
-
-@compiled
-def _slope(grid: Nodes, start: float, nodes: Floats, point: int) -> float:
-    """The signal's slope at one of the points, per window."""
-    slope = grid.slopes[1, point, 0] * start
-    for j in range(len(grid.marks)):
-        slope += grid.slopes[1, point, j + 1] * nodes[j]
-    return float(slope)
 
 
 @compiled

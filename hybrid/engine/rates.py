@@ -48,7 +48,7 @@ def first_rates(machine: Machine, wait_s: float, step_s: float, steps: int) -> S
 
 def _of_circuit(machine: Machine, wait_s: float, step_s: float, steps: int) -> Start:
     """The same of a machine that is played by elements."""
-    from hybrid.engine import sweep, windows  # take long to load
+    from hybrid.engine import interplay, sweep, windows  # take long to load
     from hybrid.engine.circuit import CORNER
     from hybrid.engine.nodes import RESOLUTION
     from hybrid.engine.relaxation import DONE, advance
@@ -59,7 +59,7 @@ def _of_circuit(machine: Machine, wait_s: float, step_s: float, steps: int) -> S
     for i, which in enumerate(side.held.tolist()):
         if machine.analog.inputs[which] == TIMED_MODE:
             held[i] = float(OP)
-    windows.settle_loops(side, held)
+    interplay.settle_loops(side, held)
     switched, shown, now_s = False, [], 0.0
     why_not: dict[str, str] = {}
     for duration_s in (wait_s, *[step_s] * steps):

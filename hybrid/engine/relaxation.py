@@ -24,7 +24,7 @@ from hybrid.engine.corners import Log, change_piece, first_exit, leaves, locate,
 from hybrid.engine.handover import accept, guess
 from hybrid.engine.kernel import RUNAWAY_MU, Floats, Ints
 from hybrid.engine.lengths import adapt, begin_short, next_length, reject
-from hybrid.engine.nodes import Nodes, Shelf, point_weights
+from hybrid.engine.nodes import Nodes, Shelf, point_weights, slope_at
 from hybrid.engine.noise import Noise, bring_up, finest, jump, play_truth, show
 from hybrid.engine.overloads import FULL_SCALE, watch
 from hybrid.engine.sweep import (
@@ -320,9 +320,7 @@ def _cut(
         whole_s = length_s
         solve(circuit, state, shelf, grid, t_s, length_s, tolerance)
         miss = state.guard[corner, q - 1] - bound
-        slope = grid.slopes[1, q, 0] * state.guard_start[corner]
-        for j in range(q):
-            slope += grid.slopes[1, q, j + 1] * state.guard[corner, j]
+        slope = slope_at(grid, state.guard_start[corner], state.guard[corner], q)
         step = -miss / slope if slope != 0.0 else math.inf
         if abs(miss) <= MOST_MISS * max(1.0, abs(bound)) or not abs(step) < 0.1:
             break

@@ -12,7 +12,7 @@ import math
 from hybrid.engine.circuit import FIRST_PIECE, HIGH, LAG, LOW, OWNER, Circuit
 from hybrid.engine.compiling import compiled
 from hybrid.engine.kernel import Floats
-from hybrid.engine.nodes import Nodes
+from hybrid.engine.nodes import Nodes, slope_at
 from hybrid.engine.sweep import (
     FROM_S,
     GAP,
@@ -90,16 +90,14 @@ def gathers(
 
     A guard that falls back as a ball does, at a constant rate, swings by slope * interval / 4.
     """
-    changes, k, q = state.changes, 0 if by > 0 else TURNS, len(grid.marks)
+    changes, k = state.changes, 0 if by > 0 else TURNS
     span, before = at_s - changes[corner, TURNED_S + k], changes[corner, SPAN_S + k]
     ratio = span / before if before > 0.0 else math.inf
     changes[corner, TURNED_S + k], changes[corner, SPAN_S + k] = at_s, span
     changes[corner, RATIO + k] = ratio
     swing = math.inf
     if length_s > 0.0:  # a window of no length has no slope; the way back is looked at, too
-        slope = grid.slopes[1, q, 0] * state.guard_start[corner]
-        for j in range(q):
-            slope += grid.slopes[1, q, j + 1] * state.guard[corner, j]
+        slope = slope_at(grid, state.guard_start[corner], state.guard[corner], len(grid.marks))
         swing = 0.25 * abs(slope) / length_s * span
     if not 0.0 < ratio < SHRINKS:
         changes[corner, SHRUNK + k] = 0.0

@@ -9,32 +9,30 @@ from __future__ import annotations
 
 import threading
 from collections import OrderedDict
-from typing import NamedTuple
 
 import numpy as np
 
 from hybrid.elements import INPUT
 from hybrid.engine import kernel
 from hybrid.engine.calls import Calls
-from hybrid.engine.circuit import Builder, Circuit
-from hybrid.engine.compiling import allocating, compiled
-from hybrid.engine.corners import Log, new_log, settle
-from hybrid.engine.kernel import Coupling, Deck, Floats, Ints, Pens, Plant, Score, State
-from hybrid.engine.limited import compute
+from hybrid.engine.circuit import Builder
+from hybrid.engine.corners import new_log
+from hybrid.engine.interplay import (
+    Clock,
+    Side,
+    begin,
+    play_circuit,
+    play_limited_circuit,
+    settle_loops,
+)
+from hybrid.engine.kernel import Floats, Plant, Score, State
 from hybrid.engine.linear import Overload, Player
-from hybrid.engine.nodes import RESOLUTION, Nodes, Shelf, new_shelf, nodes
-from hybrid.engine.noise import Noise, jump, new_noise
+from hybrid.engine.nodes import RESOLUTION, Shelf, new_shelf, nodes
+from hybrid.engine.noise import Noise, new_noise
 from hybrid.engine.relaxation import (
-    CHATTER,
-    GATHERED,
-    OVERLOADED,
-    RUNAWAY,
-    SWITCHED,
     advance,
-    hold_for_good,
     no_pen,
 )
-from hybrid.engine.relaxation import Pen as WindowPen
 from hybrid.engine.remarks import chattering, ended_by, refuse_undefined
 from hybrid.engine.sweep import (
     DRIVE,
@@ -43,236 +41,15 @@ from hybrid.engine.sweep import (
     OVERLOAD_S,
     SUM_OF_ERRORS,
     TIMES,
-    WINDOWS,
     new_state,
 )
-from hybrid.engine.sweep import State as CircuitState
 from hybrid.machine import Machine
-from hybrid.modes import MODE_ELEMENT, OP, STOP_RUN
+from hybrid.modes import MODE_ELEMENT
 from hybrid.scale import to_seconds, to_ticks
 
 NODES = 8
-# Instants between two looks at Ctrl-C.
-CHUNK_ADVANCES = 2000
-# Windows after which no further instant is begun: some tenths of a second where something switches fast.
-CHUNK_WINDOWS = 10_000
 # Sets of laws whose operators are kept, in each thread.
 MOST_SHELVES = 8
-# To let loops settle before a run.
-MOST_PASSES = 1000
-
-
-class Side(NamedTuple):
-    """The analog side of one run: the circuit, its state and where its signals and inputs stand."""
-
-    circuit: Circuit
-    state: CircuitState
-    shelf: Shelf
-    grid: Nodes
-    log: Log
-    no_pen: WindowPen
-    place: Ints  # (signals,): element of each signal
-    held: Ints  # (inputs of the circuit,): which of the machine's held inputs
-    mode: Ints  # (1,): the element that gives the machine's mode; -1: it is always in OP
-    stopped_s: Floats  # (1,): when it could not go on; nan: it could
-    called_s: Floats  # (1,): how far into an interval a task was called that a comparator starts
-
-
-class Clock(NamedTuple):
-    """Times of one segment, in s."""
-
-    start_s: float
-    length_s: float
-    instants_s: Floats  # (instants,): offsets
-    intervals_s: Floats  # (intervals,)
-
-
-@compiled
-def follow(
-    side: Side, noise: Noise | None, plant: Plant, state: State, t_s: float, duration_s: float
-) -> int:
-    """Advance the circuit (by nothing: let it follow a jump) and show its signals; why it ended."""
-    v, inputs_at = state.v, plant.kept.shape[0]
-    for i in range(side.held.shape[0]):
-        side.state.held[i] = v[inputs_at + side.held[i]]
-    why, done_s = advance(
-        side.circuit,
-        side.state,
-        side.shelf,
-        side.grid,
-        t_s,
-        duration_s,
-        RESOLUTION,
-        side.log,
-        side.no_pen,
-        noise,
-    )
-    for s in range(side.place.shape[0]):
-        if noise is None:
-            v[s] = side.state.start[side.place[s]]
-        else:
-            v[s] = noise.truth.start[side.place[s]]
-    v[side.place.shape[0]] = side.state.start[side.mode[0]] if side.mode[0] >= 0 else OP
-    if why == 0 or (why == SWITCHED and duration_s == 0.0):  # of an instant, all is done first
-        return kernel.WAITING
-    if why == SWITCHED:
-        side.called_s[0] = done_s
-        return kernel.CALLED
-    side.stopped_s[0] = t_s + done_s
-    if why == RUNAWAY:
-        return kernel.RUNAWAY
-    if why == OVERLOADED:
-        return kernel.OVERLOADED
-    if why == GATHERED:
-        return kernel.GATHERS
-    return kernel.CHATTERS if why == CHATTER else kernel.NOT_RESOLVED
-
-
-@compiled
-def _hold_now(score: Score, side: Side, noise: Noise | None, clock: Clock, state: State) -> None:
-    """A converter is beyond its range: put the machine into HOLD at the cue that found it."""
-    count = state.counts
-    count[kernel.STOPS] = kernel.NEVER
-    if side.state.counts[FROZEN] > 0:
-        return
-    now_s = clock.start_s + count[kernel.REPEAT] * clock.length_s
-    now_s += clock.instants_s[score.cues[count[kernel.CUE], 2]]
-    side.state.clock[OVERLOAD_S] = now_s
-    hold_for_good(side.circuit, side.state, now_s, 0.0, side.log)
-    if noise is not None:
-        jump(side.circuit, side.state, noise, now_s, 0.0)
-
-
-@allocating
-def play_circuit(
-    score: Score,
-    plant: Plant,
-    coupling: Coupling,
-    deck: Deck,
-    pens: Pens,
-    state: State,
-    normals: Floats,
-    rows: Floats,
-    keep_every: int,
-    stop_repeat: int,
-    stop_cue: int,
-    side: Side,
-    noise: Noise | None,
-    clock: Clock,
-) -> int:
-    """Like `kernel.play`, with the circuit as the analog side; at most CHUNK_ADVANCES instants."""
-    cues, count = score.cues, state.counts
-    last = side.state.counts[WINDOWS] + CHUNK_WINDOWS
-    for _ in range(CHUNK_ADVANCES):
-        if side.state.counts[WINDOWS] > last:
-            break
-        outcome = kernel.play(
-            score,
-            plant,
-            coupling,
-            deck,
-            pens,
-            state,
-            normals,
-            rows,
-            keep_every,
-            stop_repeat,
-            stop_cue,
-        )
-        if outcome == kernel.OVERLOADED and side.state.counts[ON_OVERLOAD] != STOP_RUN:
-            _hold_now(score, side, noise, clock, state)
-            continue
-        if outcome != kernel.WAITING:
-            return int(outcome)
-        cue = count[kernel.CUE]
-        at = cues[cue, 2]
-        t_s, duration_s = clock.start_s + count[kernel.REPEAT] * clock.length_s, 0.0
-        if cues[cue, 0] == kernel.ADVANCE:
-            duration_s = clock.intervals_s[cues[cue, 1]]
-            t_s += clock.instants_s[at - 1]
-        else:
-            t_s += clock.instants_s[at]
-        outcome = follow(side, noise, plant, state, t_s, duration_s)
-        if outcome != kernel.WAITING:
-            return int(outcome)
-        count[kernel.CUE] += 1
-        if count[kernel.CUE] == cues.shape[0]:
-            count[kernel.CUE], count[kernel.REPEAT] = 0, count[kernel.REPEAT] + 1
-    return kernel.PAUSED
-
-
-@allocating
-def play_limited_circuit(
-    score: Score,
-    plant: Plant,
-    coupling: Coupling,
-    deck: Deck,
-    pens: Pens,
-    state: State,
-    normals: Floats,
-    rows: Floats,
-    keep_every: int,
-    stop_repeat: int,
-    stop_cue: int,
-    side: Side,
-    noise: Noise | None,
-    clock: Clock,
-) -> int:
-    """The same for programs of limited word length, a cycle of which is computed between two calls."""
-    last = side.state.counts[WINDOWS] + CHUNK_WINDOWS
-    for _ in range(CHUNK_ADVANCES):
-        if side.state.counts[WINDOWS] > last:
-            break
-        outcome = play_circuit(
-            score,
-            plant,
-            coupling,
-            deck,
-            pens,
-            state,
-            normals,
-            rows,
-            keep_every,
-            stop_repeat,
-            stop_cue,
-            side,
-            noise,
-            clock,
-        )
-        if outcome != kernel.COMPUTES:
-            return int(outcome)
-        if compute(score, deck, state):
-            return int(kernel.OVERFLOWED)
-    return kernel.PAUSED
-
-
-@allocating
-def begin(side: Side, noise: Noise | None, plant: Plant, state: State, held: Floats) -> None:
-    """Let loops come to rest with these figures at the inputs, and every signal follow, at t = 0."""
-    settle_loops(side, held)
-    follow(side, noise, plant, state, 0.0, 0.0)
-
-
-@allocating
-def settle_loops(side: Side, held: Floats) -> None:
-    """Let loops of lagged parts come to rest before the run, with these figures at the inputs.
-
-    Each pass lets every output that follows at once or settles follow its inputs; in a loop of gain
-    below 1 the passes converge. Where they do not, the run begins from a single pass, as a circuit does.
-    """
-    state = side.state
-    state.held[:] = held
-    start, memory, piece = state.start.copy(), state.memory.copy(), state.piece.copy()
-    for _ in range(MOST_PASSES):
-        before = state.start.copy()
-        settle(side.circuit, state, state, 0.0, 0.0, side.log, True, 0.0)
-        rests = True
-        for e in range(before.shape[0]):  # never, where a quotient has no figure
-            size = max(1.0, abs(before[e]))
-            rests = rests and abs(state.start[e] - before[e]) <= 1e-15 * size
-        if rests:
-            return
-    state.start[:], state.memory[:, :], state.piece[:] = start, memory, piece
 
 
 class CircuitPlayer(Player):
