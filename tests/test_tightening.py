@@ -9,8 +9,8 @@ import pytest
 from hybrid.compiler import compile_patch
 from hybrid.engine.bursts import run_bursts
 from hybrid.engine.helper_functions import INSTANT, compute_helper
-from hybrid.engine.linear import _deck, _written_deck
 from hybrid.engine.lookup import look_up, new_places, note_missed
+from hybrid.engine.preparation import deck_of, written_deck
 from hybrid.engine.rounding import compute
 from hybrid.graph import grouped_order
 from hybrid.numbering import Burst
@@ -26,7 +26,7 @@ class Written:
     """Plays a tape of doubles operation by operation, as it is written."""
 
     def __init__(self, tape):
-        self.tape, self.deck, self.r = tape, _written_deck(tape), tape.registers.copy()
+        self.tape, self.deck, self.r = tape, written_deck(tape), tape.registers.copy()
         self.places = new_places(self.deck.axes)
 
     def cycle(self, program, notes):
@@ -51,7 +51,7 @@ class Tight:
     """Plays it tight, as the kernel does."""
 
     def __init__(self, tape):
-        self.tape, (self.deck, registers) = tape, _deck(tape)
+        self.tape, (self.deck, registers) = tape, deck_of(tape)
         self.r, self.places = registers.copy(), new_places(self.deck.axes)
 
     def cycle(self, program, notes):

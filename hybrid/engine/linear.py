@@ -1,4 +1,4 @@
-"""The exact engine: prepares the kernel's arrays for a machine and plays its timeline in chunks.
+"""The exact engine: plays a machine's timeline in chunks, from the arrays that `preparation` makes.
 
 Stage 4. A `Player` owns the state of one run. Playing instant by instant, in chunks of any size or in
 one go gives the same bits: normal draws come from one stream, in the order of the events.
@@ -12,20 +12,24 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from hybrid.clockwork import Happening
 from hybrid.engine import helper_functions, kernel
-from hybrid.engine.kernel import Coupling, Deck, Pens, Plant, Score, State
+from hybrid.engine.kernel import Plant, Score, State
 from hybrid.engine.limited import play_limited
-from hybrid.engine.lookup import new_places, pack
-from hybrid.engine.propagator import Propagator, propagator
+from hybrid.engine.preparation import (
+    coupling_of,
+    cues_of,
+    deck_of,
+    draws_before,
+    pens_of,
+    plant_of,
+    state_of,
+    sums_of,
+)
 from hybrid.errors import PatchError
-from hybrid.machine import Floats, Holder, Machine, Pen, Sampler, StepEvent
+from hybrid.machine import Floats, Machine, Pen
 from hybrid.modes import CONTINUE
 from hybrid.scale import to_seconds
 from hybrid.streams import stream
-from hybrid.tables import Axis, Table
-from hybrid.tape import Tape
-from hybrid.tightening import tighten
 from hybrid.timeline import Segment, Timeline, most_intervals
 
 # Small enough to answer Ctrl-C at once and to keep the normal draws in the cache.
@@ -76,15 +80,15 @@ class Player:
             self._add(segment)
         self.plant = self._analog_side(list(self._numbers))
         self.coupling, self.deck, self.pens = (
-            _coupling(machine),
-            _deck(machine.tape)[0],
-            _pens(machine, pens),
+            coupling_of(machine),
+            deck_of(machine.tape)[0],
+            pens_of(machine, pens),
         )
         self.state = self._first_state()
         self.rows = np.empty((-(-timeline.rows // keep_every), len(pens)))
         self.segment = 0
         self.outcome = kernel.PAUSED
-        self._draws = [_draws(score.cues, self.plant.draws) for score in self.scores]
+        self._draws = [draws_before(score.cues, self.plant.draws) for score in self.scores]
         # Where earlier segments' overloads began, as the kernel's counts start anew in each.
         self._overload_s: dict[int, tuple[float, float, float, float, int]] = {}
         for row, value in enumerate(self.state.v[self.plant.signal].tolist()):
@@ -122,11 +126,11 @@ class Player:
 
     def _analog_side(self, intervals: list[int]) -> Plant:
         """The analog side, ready to be advanced over these intervals (ticks)."""
-        return _plant(self.machine, intervals)
+        return plant_of(self.machine, intervals)
 
     def _first_state(self) -> State:
         """What changes during the run, as it is at t = 0."""
-        return _state(self.machine, self.plant)
+        return state_of(self.machine, self.plant)
 
     def _play_to(self, score: Score, normals: Floats, stop_repeat: int, stop_cue: int) -> int:
         """Play on in the segment; why it ended."""
@@ -244,7 +248,7 @@ class Player:
             self._add(further)
             if len(self._numbers) > known:
                 self._more_intervals(list(self._numbers)[known:])
-            self._draws.append(_draws(self.scores[-1].cues, self.plant.draws))
+            self._draws.append(draws_before(self.scores[-1].cues, self.plant.draws))
 
     def asked_ticks(self, row: int) -> int:
         """When a place of the program first asked a function beyond its range."""
@@ -258,8 +262,8 @@ class Player:
 
     def _add(self, segment: Segment) -> None:
         """Take in a segment: its score and its instants."""
-        looks = bool(_sums(self.machine)) or bool(self.machine.elements)
-        cues, at = _cues(segment, self._numbers, looks)
+        looks = bool(sums_of(self.machine)) or bool(self.machine.elements)
+        cues, at = cues_of(segment, self._numbers, looks)
         most = most_intervals(self.machine)
         if len(self._numbers) > most:
             raise PatchError(
@@ -283,11 +287,11 @@ class Player:
 
     def _more_intervals(self, intervals: list[int]) -> None:
         """Get ready to advance the analog side over further intervals (ticks)."""
-        more = _plant(self.machine, intervals)
+        more = plant_of(self.machine, intervals)
         blocks, inputs = more.change.shape[1], more.change.shape[2]
         old = self.plant
         if inputs != old.change.shape[2]:  # the rank of the noise differs
-            both = _plant(self.machine, list(self._numbers))
+            both = plant_of(self.machine, list(self._numbers))
             grown = both.change.shape[2] - old.change.shape[2]
             if grown:
                 self.state = self.state._replace(v=np.concatenate([self.state.v, np.zeros(grown)]))
@@ -331,221 +335,3 @@ class Player:
         at_the_end = notes[:, kernel.LAST] == segment.repeats * last + 1
         notes[:] = 0
         notes[at_the_end, kernel.LAST] = 1
-
-
-# The cue of each kind of event; nothing is done at the end of a stretch.
-_CUES = {
-    Happening.SAMPLE: kernel.SAMPLE,
-    Happening.CONVERT: kernel.CONVERT,
-    Happening.START: kernel.START,
-    Happening.END: kernel.END,
-    Happening.LATCH: kernel.LATCH,
-    Happening.SOURCE: kernel.SOURCE,
-    Happening.RECORD: kernel.RECORD,
-}
-Cue = tuple[int, int, int]  # what, which, instant
-_JUMPS = (Happening.LATCH, Happening.SOURCE)
-
-
-def _cues(segment: Segment, numbers: dict[int, int], looks: bool) -> tuple[list[Cue], list[int]]:
-    """The cues of a segment, and the offsets of its instants in ticks.
-
-    numbers: of the intervals met so far, which this adds to; looks: whether signals can jump.
-    """
-    cues: list[Cue] = []
-    offsets = [0]
-    jumped = False
-    for offset, kind, index in segment.events:
-        now, instant = offsets[-1], len(offsets) - 1
-        if jumped and (offset > now or kind not in _JUMPS):
-            cues.append((kernel.LOOK, 0, instant))
-            jumped = False
-        if offset > now:
-            interval = numbers.setdefault(offset - now, len(numbers))
-            instant += 1
-            cues.append((kernel.ADVANCE, interval, instant))
-            offsets.append(offset)
-        if kind != Happening.REST:
-            cues.append((_CUES[Happening(kind)], index, instant))
-            jumped = looks and kind in _JUMPS
-    if not cues:  # a stretch of no length in which nothing happens
-        cues.append((kernel.LOOK, 0, 0))
-    return _at_once(cues), offsets
-
-
-def _at_once(cues: list[Cue]) -> list[Cue]:
-    """A sample that is converted at the same instant is taken by one cue."""
-    converted = {cue[1:] for cue in cues if cue[0] == kernel.CONVERT}
-    both = {cue[1:] for cue in cues if cue[0] == kernel.SAMPLE} & converted
-    taken = [
-        (kernel.TAKE, *cue[1:]) if cue[0] == kernel.SAMPLE and cue[1:] in both else cue
-        for cue in cues
-    ]
-    return [cue for cue in taken if cue[0] != kernel.CONVERT or cue[1:] not in both]
-
-
-def _sums(machine: Machine) -> tuple[int, ...]:
-    """Signals that are no states: combinations of states and inputs."""
-    if machine.elements:
-        return ()
-    states = set(machine.analog.states)
-    return tuple(i for i, name in enumerate(machine.analog.signals) if name not in states)
-
-
-def _padding(rows: int) -> int:
-    """Entries before the first of `rows`, so that they end with a block of eight."""
-    return -rows % 8
-
-
-def _plant(machine: Machine, intervals: list[int]) -> Plant:
-    analog, sums = machine.analog, _sums(machine)
-    n, m, k = len(analog.states), len(analog.inputs), len(sums)
-    all_of: list[Propagator] = [propagator(analog, to_seconds(t)) for t in intervals]
-    rank = max((p.spread.shape[1] for p in all_of), default=0)
-    first = _padding(k + n)
-    rows = np.zeros((len(all_of), first + k + n, n + m + rank))
-    sum_rows = analog.c[list(sums)]
-    for q, p in enumerate(all_of):
-        columns = np.hstack([p.change, p.spread])
-        rows[q, first + k :, : columns.shape[1]] = columns
-        with np.errstate(over="ignore", invalid="ignore"):  # of a patch that runs away at once
-            rows[q, first : first + k, : columns.shape[1]] = sum_rows[:, :n] @ columns
-            rows[q, first : first + k, : n + m] += sum_rows
-    blocks = rows.reshape(len(all_of), -1, 8, n + m + rank).transpose(0, 1, 3, 2)
-    return Plant(
-        np.ascontiguousarray(blocks),
-        (np.arange(first + k + n) >= first + k).astype(np.float64),
-        np.array([p.spread.shape[1] for p in all_of], dtype=np.int64),
-        np.array(_places(machine), dtype=np.int64),
-        np.ascontiguousarray(sum_rows[:, n:].T),
-    )
-
-
-def _places(machine: Machine) -> list[int]:
-    """Where each signal stands in the kernel's v."""
-    analog, sums = machine.analog, _sums(machine)
-    if machine.elements:
-        return list(range(len(analog.signals) + 1))  # the last is the machine's mode
-    first = _padding(len(sums) + len(analog.states))
-    place = {analog.signals[s]: first + i for i, s in enumerate(sums)}
-    place |= {name: first + len(sums) + i for i, name in enumerate(analog.states)}
-    return [place[s] for s in analog.signals]
-
-
-def _coupling(machine: Machine) -> Coupling:
-    places = tuple(_places(machine)) if machine.samplers else ()
-    return _coupled(places, machine.samplers, machine.holders, machine.steps)
-
-
-# The runs of a sweep or batch mostly share converters and program.
-@functools.lru_cache(maxsize=16)
-def _coupled(
-    places: tuple[int, ...],
-    samplers: tuple[Sampler, ...],
-    holders: tuple[Holder, ...],
-    steps: tuple[StepEvent, ...],
-) -> Coupling:
-    adc = [(places[s.signal], i) for i, s in enumerate(samplers)]
-    dac = [(h.word, h.input) for h in holders]
-    return Coupling(
-        np.array(adc, dtype=np.int64).reshape(-1, 2),
-        np.array([(s.to_si, s.range_mu, s.step_mu, float(s.clips)) for s in samplers]).reshape(
-            -1, 4
-        ),
-        np.array(dac, dtype=np.int64).reshape(-1, 2),
-        np.array([(h.to_mu, h.step_mu, float(h.clips)) for h in holders]).reshape(-1, 3),
-        np.array([s.input for s in steps], dtype=np.int64),
-        np.array([s.value for s in steps], dtype=np.float64),
-    )
-
-
-@functools.lru_cache(maxsize=16)
-def _deck(tape: Tape) -> tuple[Deck, Floats]:
-    """The programs as the kernel plays them, and the first values of their registers."""
-    if len(tape.length_of):
-        return _written_deck(tape), tape.registers
-    tight = tighten(tape)
-    deck = Deck(
-        np.zeros((0, 4), dtype=np.int32),
-        tight.bursts,
-        tight.steps,
-        tight.asks,
-        tape.word_registers.astype(np.uint32),
-        tape.memory,
-        *pack(tight.finds, tight.looks),
-        tape.length_of,
-        tape.lengths,
-        np.zeros(0, dtype=np.int32),
-        tape.shared,
-        np.column_stack([tight.starts[:, 0], tape.starts[:, 1:], tight.starts[:, 1]]),
-    )
-    return deck, tight.registers
-
-
-def _written_deck(tape: Tape) -> Deck:
-    """Programs whose words round, as they are written: every site has searches of its own."""
-    finds, looks = list[Axis](), list[tuple[Table, range] | None]()
-    for site in tape.sites:
-        first = len(finds)
-        finds += site.table.axes if site.table else ()
-        looks.append((site.table, range(first, len(finds))) if site.table else None)
-    return Deck(
-        tape.code,
-        np.zeros((0, 3), dtype=np.int32),
-        np.zeros((0, 4), dtype=np.uint32),
-        np.zeros((0, 3), dtype=np.int32),
-        tape.word_registers.astype(np.uint32),
-        tape.memory,
-        *pack(finds, looks),
-        tape.length_of,
-        tape.lengths,
-        np.array(tape.owner, dtype=np.int32),
-        tape.shared,
-        np.column_stack([tape.starts, np.zeros(len(tape.starts), dtype=np.int64)]),
-    )
-
-
-def _pens(machine: Machine, pens: tuple[Pen, ...]) -> Pens:
-    source = {"analog": 0, "dac": 0, "mode": 0, "adc": 1, "word": 2}
-    places = _places(machine)
-    table = [(source[p.kind], p.index if source[p.kind] else places[p.index]) for p in pens]
-    return Pens(
-        np.array(table, dtype=np.int64).reshape(-1, 2),
-        np.array([p.factor for p in pens], dtype=np.float64),
-    )
-
-
-def _state(machine: Machine, plant: Plant) -> State:
-    analog, timing = machine.analog, machine.timing
-    latency = timing.compute // timing.period + 2 if timing.period and not timing.tasks else 2
-    words = len(machine.tape.words)
-    watched = len(analog.signals) + len(machine.samplers) + len(machine.holders) + words
-    z = np.concatenate([analog.x0, analog.u0])
-    sums = list(_sums(machine))
-    rank = plant.change.shape[2] - len(analog.x0) - len(analog.u0)
-    padding = np.zeros(_padding(len(sums) + len(analog.x0)))
-    deck, registers = _deck(machine.tape)
-    return State(
-        np.concatenate([padding, analog.c[sums] @ z, z, np.zeros(rank)]),
-        np.empty(len(padding) + len(sums) + len(analog.x0)),
-        np.zeros(len(machine.samplers)),
-        registers.copy(),
-        np.zeros((latency, words)),
-        np.zeros((max(len(timing.tasks), 1), 2), dtype=np.int64),
-        machine.tape.registers[machine.tape.word_registers],
-        np.zeros(7, dtype=np.int64),
-        np.zeros((watched, 6), dtype=np.int64),
-        np.zeros((watched, 2)),
-        np.zeros((len(machine.tape.sites) + 1, 6)),
-        *new_places(deck.axes),
-    )
-
-
-def _draws(cues: np.ndarray, draws: np.ndarray) -> np.ndarray:
-    """Cumulative draws before each cue of a repeat; the last entry is the whole repeat."""
-    if not draws.any():
-        return np.zeros(len(cues) + 1, dtype=np.int64)
-    per_cue = np.zeros(len(cues), dtype=np.int64)
-    advances = cues[:, 0] == kernel.ADVANCE
-    per_cue[advances] = draws[cues[advances, 1]]
-    return np.concatenate([[0], np.cumsum(per_cue)])
