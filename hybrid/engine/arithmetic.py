@@ -6,12 +6,13 @@ Stage 4, compiled into the kernel.
 from __future__ import annotations
 
 import math
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
 from hybrid.engine.compiling import compiled, inlined
-from hybrid.tape import FIRST_WIDE, Memory, Op
+from hybrid.tape import FIRST_WIDE, Op
 
 Floats = npt.NDArray[np.float64]
 Ints = npt.NDArray[np.int64]
@@ -31,7 +32,6 @@ SIGN, FLOOR, CEIL, ROUND, MOD = (int(op) for op in (Op.SIGN, Op.FLOOR, Op.CEIL, 
 NOT, AND, OR, LT, LE, GT, GE, EQ, NE = range(int(Op.NOT), int(Op.NE) + 1)
 SKIP, SELECT, LIMIT = int(Op.SKIP), int(Op.SELECT), int(Op.LIMIT)
 WIDE, LOOK_UP = int(FIRST_WIDE), int(Op.LOOK_UP)
-KEEPS, SOURCE_OF, RING, LENGTH = (int(column) for column in Memory)
 
 
 @compiled
@@ -158,12 +158,16 @@ def operate(op: int, held: float, a: float, b: float) -> float:
 
 
 @compiled
-def remember(memory: npt.NDArray[np.int32], r: Floats, row: int) -> None:
-    """End a cycle: the register of a value several cycles old takes over the oldest of its ring, whose
-    place the present value takes.
+def remember(memory: Any, r: Floats) -> None:
+    """End a cycle: the register of an earlier value takes over the present one.
+
+    Of a value several cycles old: it takes over the oldest of its ring, whose place the present takes.
     """
-    ring, length = memory[row, RING], memory[row, LENGTH]
+    if memory.length == 0:
+        r[memory.keeps] = r[memory.source]
+        return
+    ring = np.int64(memory.ring)
     oldest = int(r[ring])
-    r[memory[row, KEEPS]] = r[ring + 1 + oldest]
-    r[ring + 1 + oldest] = r[memory[row, SOURCE_OF]]
-    r[ring] = oldest + 1 if oldest + 1 < length else 0
+    r[memory.keeps] = r[ring + 1 + oldest]
+    r[ring + 1 + oldest] = r[memory.source]
+    r[ring] = oldest + 1 if oldest + 1 < np.int64(memory.length) else 0

@@ -9,7 +9,7 @@ from collections import deque
 
 import numpy as np
 
-from hybrid.engine.kernel import Floats, Ints
+from hybrid.engine.arrays import Floats, Ints
 from hybrid.engine.sweep import CALLED, FALLS, HAPPENED, RISES, WANTED, State
 from hybrid.engine.switching import CHATTER_EVENTS, CHATTER_LAGS, CHATTER_S
 from hybrid.machine import Machine

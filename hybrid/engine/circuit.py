@@ -33,7 +33,7 @@ from hybrid.elements import (
     Element,
     limit_pieces,
 )
-from hybrid.engine.kernel import Floats, Ints
+from hybrid.engine.arrays import Floats, Ints
 from hybrid.engine.order import computing_order, reach
 
 # Columns of Circuit.rows: kind; terms FIRST to SECOND make u, SECOND to END make w; the element that

@@ -13,6 +13,7 @@ from typing import NamedTuple
 import numpy as np
 
 from hybrid.elements import INPUT, INTEGRATE, MODE, NUMBER, PIECES, SINE, SUM, SWITCH, TRACK
+from hybrid.engine.arrays import Floats, Ints
 from hybrid.engine.circuit import (
     AMPLITUDE,
     C0,
@@ -46,7 +47,6 @@ from hybrid.engine.circuit import (
     Circuit,
 )
 from hybrid.engine.compiling import compiled, inlined
-from hybrid.engine.kernel import Floats, Ints
 from hybrid.engine.nodes import Nodes
 from hybrid.engine.sweep import (
     AS,

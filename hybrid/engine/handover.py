@@ -5,9 +5,9 @@ Stage 4.
 
 from __future__ import annotations
 
+from hybrid.engine.arrays import Floats
 from hybrid.engine.circuit import Circuit
 from hybrid.engine.compiling import compiled
-from hybrid.engine.kernel import Floats
 from hybrid.engine.lanes import LANES, add_scaled, combine, copy, fill
 from hybrid.engine.nodes import Nodes
 from hybrid.engine.sweep import (

@@ -7,11 +7,13 @@ from __future__ import annotations
 
 from typing import Any, NamedTuple
 
+import numpy as np
+
 from hybrid.engine import kernel
+from hybrid.engine.arrays import Coupling, Deck, Floats, Ints, Pens, Plant, Score, State
 from hybrid.engine.circuit import Circuit
 from hybrid.engine.compiling import allocating, compiled
 from hybrid.engine.corners import Log, settle
-from hybrid.engine.kernel import Coupling, Deck, Floats, Ints, Pens, Plant, Score, State
 from hybrid.engine.limited import compute
 from hybrid.engine.nodes import RESOLUTION, Nodes, Shelf
 from hybrid.engine.noise import Noise, jump
@@ -111,7 +113,7 @@ def _hold_now(score: Score, side: Side, noise: Noise | None, clock: Clock, state
     if side.state.counts[FROZEN] > 0:
         return
     now_s = clock.start_s + count[kernel.REPEAT] * clock.length_s
-    now_s += clock.instants_s[score.cues[count[kernel.CUE], 2]]
+    now_s += clock.instants_s[score.cues[count[kernel.CUE]].instant]
     side.state.clock[OVERLOAD_S] = now_s
     hold_for_good(side.circuit, side.state, now_s, 0.0, side.log)
     if noise is not None:
@@ -159,14 +161,13 @@ def play_circuit(
             continue
         if outcome != kernel.WAITING:
             return int(outcome)
-        cue = count[kernel.CUE]
-        at = cues[cue, 2]
+        cue = cues[count[kernel.CUE]]
         t_s, duration_s = clock.start_s + count[kernel.REPEAT] * clock.length_s, 0.0
-        if cues[cue, 0] == kernel.ADVANCE:
-            duration_s = clock.intervals_s[cues[cue, 1]]
-            t_s += clock.instants_s[at - 1]
+        if cue.what == kernel.ADVANCE:
+            duration_s = clock.intervals_s[cue.which]
+            t_s += clock.instants_s[np.int64(cue.instant) - 1]
         else:
-            t_s += clock.instants_s[at]
+            t_s += clock.instants_s[cue.instant]
         outcome = follow(side, noise, plant, state, t_s, duration_s)
         if outcome != kernel.WAITING:
             return int(outcome)

@@ -13,102 +13,22 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
-import numpy.typing as npt
 
 from hybrid.engine import helper_functions, lanes
-from hybrid.engine.arithmetic import KEEPS, LENGTH, SOURCE_OF, remember
+from hybrid.engine.arithmetic import remember
+from hybrid.engine.arrays import (
+    Coupling,
+    Deck,
+    Floats,
+    Numbers,
+    Pens,
+    Plant,
+    Score,
+    State,
+)
 from hybrid.engine.bursts import MULTIPLY_ADD, multiply_add, run_bursts
 from hybrid.engine.compiling import compiled, inlined
 from hybrid.engine.lookup import note_missed
-
-Floats = npt.NDArray[np.float64]
-Ints = npt.NDArray[np.int64]
-
-
-class Score(NamedTuple):
-    """The cues of one segment, a row each: what to do, to which, and the number of its instant.
-
-    ADVANCE: the propagator that leads to the next instant; SAMPLE, CONVERT: the ADC, TAKE: both at once;
-    START, END: a program; LATCH: the DAC; SOURCE: the step source; RECORD: a row of the record. LOOK
-    follows what makes signals jump.
-    """
-
-    cues: npt.NDArray[np.int32]  # (cues, 3)
-
-
-class Plant(NamedTuple):
-    """Analog side, for v = [padding, k sums, n states, m held inputs, r normal draws].
-
-    Every signal is an entry of v; a sum is a signal without lag, a combination of states and inputs.
-    `change` gives the sums (new values) and the states (their changes), in blocks of eight rows that
-    lie side by side in memory, as vector instructions take them; the padding fills the first block.
-    """
-
-    change: Floats  # (intervals, blocks, n + m + r, 8)
-    kept: Floats  # (8 * blocks,): 1 for states, to which changes are added, else 0
-    draws: Ints  # (intervals,): normal draws each propagator consumes
-    signal: Ints  # (signals,): place in v
-    reach: Floats  # (m, k): what a unit change of each input does to the sums at once
-
-
-class Coupling(NamedTuple):
-    """Converters: rows of (place in v or word, register or place in v) and their figures."""
-
-    adc: Ints  # (adcs, 2): place of the signal, register
-    adc_figures: Floats  # (adcs, 4): SI per machine unit, range, step or 0, clips
-    dac: Ints  # (dacs, 2): word, input (counted among the m)
-    dac_figures: Floats  # (dacs, 3): machine units per SI, step or 0, clips
-    steps: Ints  # (steps,): input
-    step_values: Floats
-
-
-class Deck(NamedTuple):
-    """The programs, one after the other; a row of `starts` has the first of each and of the next.
-
-    Where words round, `code` is the tape as it was written; where all are doubles, `bursts`, `steps` and
-    `asks` are the tight one. The other is empty.
-    """
-
-    code: npt.NDArray[np.int32]  # (operations, 4)
-    bursts: npt.NDArray[np.int32]  # (bursts, 3), see `TightTape`
-    steps: npt.NDArray[np.uint32]  # (steps, 4)
-    asks: npt.NDArray[np.int32]  # (asks, 3)
-    words: npt.NDArray[np.uint32]
-    memory: npt.NDArray[np.int32]
-    figures: Floats  # of its tables, see `lookup`
-    axes: Ints  # (searches, columns)
-    tables: Ints  # (tables, columns)
-    length_of: npt.NDArray[np.int32]  # (operations,): row of `lengths`; () where all are doubles
-    lengths: Floats
-    owner: npt.NDArray[np.int32]  # (operations,): the word each helps to compute
-    shared: npt.NDArray[np.int32]  # words of other programs: register, word
-    starts: Ints  # (programs + 1, 5): rows of code or bursts, words, memory, shared, asks
-
-
-class Pens(NamedTuple):
-    """What a row of the record holds: (0 signal | 1 ADC word | 2 word, index), times a factor."""
-
-    source: Ints  # (pens, 2)
-    factor: Floats
-
-
-class State(NamedTuple):
-    """All that changes during a run; owned by the run."""
-
-    v: Floats  # (8 * blocks + m + r,)
-    next_v: Floats  # (8 * blocks,)
-    sample: Floats  # (adcs,): held by sample and hold
-    registers: Floats
-    ring: Floats  # (depth, words): results on their way
-    slots: Ints  # (programs, 2): rows of the ring, of the next results to be and of the oldest
-    words: Floats  # (words,): results that can be read
-    counts: Ints  # see the constants below
-    overload: Ints  # (signals + adcs + dacs + words, 6): see the constants below
-    beyond: Floats  # (signals + adcs + dacs + words, 2): first and worst value
-    outside: Floats  # (sites of the tape + 1, 6): see `helper_functions`
-    places: Floats  # (searches + 4, 4): where arguments of tables lie, see `lookup`
-    intervals: Ints  # (searches, 2)
-
 
 # What a cue asks for.
 ADVANCE, SAMPLE, CONVERT, TAKE, START, END, LATCH, SOURCE, LOOK, RECORD = range(10)
@@ -132,6 +52,8 @@ TIMES, FIRST_REPEAT, FIRST_INSTANT, WORST_REPEAT, WORST_INSTANT, LAST = range(6)
 DONE, PAUSED, RUNAWAY, NOT_FINITE, WAITING, CHATTERS, NOT_RESOLVED, OVERLOADED = range(8)
 OUTSIDE, OVERFLOWED, CALLED, GATHERS, COMPUTES = 8, 9, 10, 11, 12
 
+ONE = np.uint64(1)
+
 # Beyond this many machine units a run means nothing any more and soon overflows.
 RUNAWAY_MU = 1e12
 
@@ -141,52 +63,231 @@ def convert(value: float, limit: float, step: float, clips: float) -> float:
     """A converter: clip to +-limit and round to whole steps (0: no rounding); zero stays zero."""
     if clips != 0.0:
         value = min(max(value, -limit), limit)
-    if step > 0.0:
+    for _ in range(step > 0.0):
         value = np.rint(value / step) * step
     return value
 
 
+class Moment(NamedTuple):
+    """Where in the segment it is."""
+
+    repeat: int
+    instant: int
+    last: int  # the last instant of a repeat
+
+
 @compiled
-def note_overload(
-    notes: Ints, values: Floats, row: int, value: float, repeat: int, at: int, last: int
-) -> None:
-    """Remember that `row` went beyond its range at (repeat, instant)."""
+def note_overload(state: State, row: int, value: float, now: Moment) -> None:
+    """Remember that `row` of the state's notes went beyond its range now."""
+    notes, values = state.overload, state.beyond
     if notes[row, TIMES] == 0:
-        notes[row, FIRST_REPEAT] = repeat
-        notes[row, FIRST_INSTANT] = at
+        notes[row, FIRST_REPEAT] = now.repeat
+        notes[row, FIRST_INSTANT] = now.instant
         values[row, 0] = value
     # The last instant of a repeat is the first of the next, seen from before.
-    number = (repeat + 1) * last + 1 if at == last else repeat * last + at + 1
+    number = now.repeat * now.last + now.instant + 1
+    if now.instant == now.last:
+        number = (now.repeat + 1) * now.last + 1
     if notes[row, LAST] != number:
         notes[row, TIMES] += 1
         notes[row, LAST] = number
     if abs(value) > abs(values[row, 1]):
         values[row, 1] = value
-        notes[row, WORST_REPEAT] = repeat
-        notes[row, WORST_INSTANT] = at
+        notes[row, WORST_REPEAT] = now.repeat
+        notes[row, WORST_INSTANT] = now.instant
 
 
 @compiled
-def watch(
-    signal: Ints, v: Floats, notes: Ints, values: Floats, repeat: int, at: int, last: int
-) -> bool:
-    """Note every analog signal that is beyond full scale; whether one of v has run away."""
+def _watch(signal: Numbers, state: State, now: Moment) -> int:
+    """Note every analog signal that is beyond full scale; whether the run may go on."""
+    v = state.v
     for s in range(signal.shape[0]):
         if abs(v[signal[s]]) > 1.0:
-            note_overload(notes, values, s, v[signal[s]], repeat, at, last)
-    lost = False
+            note_overload(state, s, v[signal[s]], now)
     for x in v:
-        lost |= not abs(x) <= RUNAWAY_MU
-    return lost
+        if not abs(x) <= RUNAWAY_MU:
+            return RUNAWAY
+    outcome: int = _unless_overloaded(state)
+    return outcome
 
 
 @compiled
-def any_noted(notes: Ints) -> bool:
-    """Whether anything has been beyond its range."""
-    noted = False
-    for row in range(notes.shape[0]):
-        noted |= notes[row, TIMES] > 0
-    return noted
+def _unless_overloaded(state: State) -> int:
+    """Whether the run may go on: not where what has been beyond its range is to end it."""
+    if state.counts[STOPS] != NEVER:
+        for row in range(state.overload.shape[0]):
+            if state.overload[row, TIMES] > 0:
+                return OVERLOADED
+    return PAUSED
+
+
+@inlined
+def _advance(plant: Plant, state: State, normals: Floats, interval: int, now: Moment) -> int:
+    """Bring the analog side to the next instant."""
+    v, next_v, counts, change = state.v, state.next_v, state.counts, plant.change
+    blocks, columns = change.shape[1], change.shape[2]
+    draws_at = plant.kept.shape[0] + plant.reach.shape[0]
+    outcome = PAUSED
+    if counts[STOPS] == AT_ONCE:
+        outcome = OVERLOADED
+    else:
+        drawn, draws = counts[DRAWS], plant.draws[interval]
+        for j in range(draws):
+            v[draws_at + j] = normals[drawn + j]
+        counts[DRAWS] = drawn + draws
+        first = np.int64(interval) * blocks * columns
+        for block in range(blocks):
+            at = first + block * columns
+            lanes.weigh(next_v, block, change, at, v, v.shape[0] - columns, columns)
+        beyond = False
+        for block in range(blocks):
+            beyond |= not lanes.change(v, block, plant.kept, next_v)
+        if beyond:
+            outcome = _watch(plant.signal, state, now)
+    return outcome
+
+
+@inlined
+def _look(plant: Plant, state: State, now: Moment) -> int:
+    """Note what sums have jumped beyond their range."""
+    end = state.v.shape[0] - plant.change.shape[2]
+    beyond, outcome = False, PAUSED
+    for s in range(end - plant.reach.shape[1], end):
+        beyond |= abs(state.v[s]) > 1.0
+    if beyond:
+        _watch(plant.signal, state, now)
+        outcome = _unless_overloaded(state)
+    return outcome
+
+
+@inlined
+def _take(adc: Any, number: int, value: float, signals: int, state: State, now: Moment) -> int:
+    """Convert what an ADC holds."""
+    outcome, word = PAUSED, convert(value, adc.range_mu, adc.step_mu, adc.clips)
+    state.registers[adc.register] = word * adc.to_si
+    if abs(value) > adc.range_mu:
+        note_overload(state, signals + number, value, now)
+        outcome = _unless_overloaded(state)
+    return outcome
+
+
+@inlined
+def _compute(deck: Deck, state: State, number: int, now: Moment) -> int:
+    """Play a program on the words it reads; COMPUTES where the caller is to do so."""
+    program, following = deck.programs[number], deck.programs[number + ONE]
+    registers, outside, outcome = state.registers, state.outside, PAUSED
+    limited, clock = deck.length_of.shape[0] > 0, outside.shape[0] - 1
+    if limited and state.counts[COMPUTED] > 0:
+        outcome = _unless_overloaded(state)
+        if outcome == PAUSED:
+            state.counts[COMPUTED] = 0
+    else:
+        for k in range(np.uint64(program.shared), np.uint64(following.shared)):
+            registers[deck.shared[k].register] = state.words[deck.shared[k].word]
+        if limited:
+            outcome = COMPUTES
+        else:
+            burst, end = np.int64(program.code), np.int64(following.code)
+            # Small programs are nothing but products and sums, and need none of the rest.
+            while burst < end and deck.bursts[burst, 0] == MULTIPLY_ADD:
+                multiply_add(deck.steps, deck.bursts[burst, 1], deck.bursts[burst, 2], registers)
+                burst += 1
+            if burst < end:
+                outside[clock, helper_functions.REPEAT] = now.repeat
+                outside[clock, helper_functions.INSTANT] = now.instant
+                _compute_rest(
+                    deck, state, burst, end, np.int64(program.asks), np.int64(following.asks)
+                )
+    if outcome == PAUSED and outside[clock, helper_functions.TIMES] > 0.0:
+        outcome = OUTSIDE
+    return outcome
+
+
+@compiled
+def _compute_rest(deck: Deck, state: State, burst: Any, end: Any, asks: Any, last: Any) -> None:
+    """Play the bursts of a program, and note what it asked beyond its range."""
+    if run_bursts(
+        deck.bursts,
+        burst,
+        end,
+        deck.steps,
+        state.registers,
+        deck.figures,
+        deck.axes,
+        deck.tables,
+        state.places,
+        state.intervals,
+        state.outside,
+    ):
+        note_missed(deck.asks, asks, last, state.places, state.intervals, state.outside)
+
+
+@inlined
+def _begin(deck: Deck, state: State, number: int) -> None:
+    """What a program has computed is on its way, and what it remembers is of this cycle now."""
+    program, following = deck.programs[number], deck.programs[number + ONE]
+    registers, ring, slot = state.registers, state.ring, state.slots[number].next
+    for w in range(np.uint64(program.words), np.uint64(following.words)):
+        ring[np.uint64(slot), w] = registers[deck.words[w]]
+    for m in range(np.uint64(program.memory), np.uint64(following.memory)):
+        remember(deck.memory[m], registers)
+    state.slots[number].next = slot + 1 if slot + 1 < ring.shape[0] else 0
+
+
+@inlined
+def _finish(deck: Deck, state: State, number: int) -> int:
+    """The results of a program can be read."""
+    program, following = deck.programs[number], deck.programs[number + ONE]
+    words, ring, slot, lost = state.words, state.ring, state.slots[number].oldest, False
+    for w in range(np.uint64(program.words), np.uint64(following.words)):
+        words[w] = ring[np.uint64(slot), w]
+        lost |= not abs(words[w]) < math.inf
+    if not lost:
+        state.slots[number].oldest = slot + 1 if slot + 1 < ring.shape[0] else 0
+    return NOT_FINITE if lost else PAUSED
+
+
+@inlined
+def _latch(dac: Any, plant: Plant, state: State, row: int, now: Moment) -> int:
+    """A DAC takes over its word."""
+    value, outcome = state.words[dac.word] * dac.to_mu, PAUSED
+    if abs(value) > 1.0:
+        note_overload(state, row, value, now)
+        outcome = _unless_overloaded(state)
+    if not abs(value) <= RUNAWAY_MU:
+        outcome = RUNAWAY
+    _hold(plant, state, np.uint64(dac.input), convert(value, 1.0, dac.step_mu, dac.clips))
+    return outcome
+
+
+@inlined
+def _hold(plant: Plant, state: State, held: int, value: float) -> None:
+    """An input jumps, and with it the sums that follow it at once."""
+    v, sums = state.v, plant.reach.shape[1]
+    sums_at, place = v.shape[0] - plant.change.shape[2] - sums, plant.kept.shape[0] + np.int64(held)
+    for s in range(sums):
+        v[sums_at + s] += plant.reach[held, s] * (value - v[place])
+    v[place] = value
+
+
+@inlined
+def _draw(pens: Pens, state: State, rows: Floats, keep_every: int) -> None:
+    """Take a row of the record, unless it is to be skipped."""
+    counts, drawn = state.counts, pens.drawn
+    if counts[SKIP] == 0:
+        row = np.uint64(counts[ROWS])
+        for p in range(np.uint64(drawn.shape[0])):
+            pen = drawn[p]
+            if pen.source == 0:
+                value = state.v[pen.index]
+            elif pen.source == 1:
+                value = state.registers[pen.index]
+            else:
+                value = state.words[pen.index]
+            rows[row, p] = value * pen.factor
+        counts[ROWS] += 1
+        counts[SKIP] = keep_every
+    counts[SKIP] -= 1
 
 
 @compiled
@@ -211,171 +312,46 @@ def play(
     `normals` must hold enough draws for that, from counts[DRAWS] on; every `keep_every`-th row of the
     record is kept, in `rows`.
     """
-    # Plain names: each array is looked up once, and not at every use.
-    cues = score.cues
-    change, kept, draws, signal, reach = plant
-    adc, adc_figures, dac, dac_figures, stepped, step_values = coupling
-    _, bursts, steps, asks, word_registers, memory, figures, axes, tables = deck[:9]
-    limited = deck.length_of.shape[0] > 0  # the word length
-    shared, starts = deck.shared, deck.starts
-    source, factor = pens
-    v, next_v, sample, registers, ring, slots, words, count, notes, values, outside = state[:11]
-    places, intervals, clock = state.places, state.intervals, outside.shape[0] - 1
-    signals, adcs, depth = signal.shape[0], adc.shape[0], ring.shape[0]
-    blocks, columns = change.shape[1], change.shape[2]
-    inputs, sums, inputs_at = reach.shape[0], reach.shape[1], kept.shape[0]
-    draws_at, column_at = inputs_at + inputs, v.shape[0] - columns
-    sums_at = column_at - sums
-    skip, row, drawn = count[SKIP], count[ROWS], count[DRAWS]
-    repeat, at, last = count[REPEAT], count[CUE], cues[cues.shape[0] - 1, 2]
-    stops = count[STOPS]
-    outcome, circuit = PAUSED, change.shape[0] == 0
+    cues, (adcs, dacs, sources) = score.cues, coupling
+    signals, circuit = plant.signal.shape[0], plant.change.shape[0] == 0
+    repeat, at = state.counts[REPEAT], state.counts[CUE]
+    last, outcome = cues[cues.shape[0] - 1].instant, PAUSED
     while outcome == PAUSED and (repeat < stop_repeat or (repeat == stop_repeat and at < stop_cue)):
         end = cues.shape[0] if repeat < stop_repeat else stop_cue
         while at < end:
-            i = cues[at, 1]
-            cue = cues[at, 0]
-            if circuit and cue in (ADVANCE, LOOK):
-                outcome = WAITING
-                break
-            if cue == ADVANCE:
-                if stops == AT_ONCE:
-                    outcome = OVERLOADED
-                    break
-                for j in range(draws[i]):
-                    v[draws_at + j] = normals[drawn + j]
-                drawn += draws[i]
-                for block in range(blocks):
-                    lanes.weigh(
-                        next_v, block, change, (i * blocks + block) * columns, v, column_at, columns
-                    )
-                beyond = False
-                for block in range(blocks):
-                    beyond |= not lanes.change(v, block, kept, next_v)
-                if beyond and watch(signal, v, notes, values, repeat, cues[at, 2], last):
-                    outcome = RUNAWAY
-                    break
-                if beyond and stops != NEVER and any_noted(notes):
-                    outcome = OVERLOADED
-                    break
-            elif cue == SAMPLE:
-                sample[i] = v[adc[i, 0]]
-            elif cue in (TAKE, CONVERT):
-                if cue == TAKE:
-                    sample[i] = v[adc[i, 0]]
-                value, limit = sample[i], adc_figures[i, 1]
-                if abs(value) > limit:
-                    note_overload(notes, values, signals + i, value, repeat, cues[at, 2], last)
-                word = convert(value, limit, adc_figures[i, 2], adc_figures[i, 3])
-                registers[adc[i, 1]] = word * adc_figures[i, 0]
-                if abs(value) > limit and stops != NEVER:
-                    outcome = OVERLOADED
-                    break
-            elif cue == START:
-                if not limited or count[COMPUTED] == 0:
-                    for k in range(starts[i, 3], starts[i + 1, 3]):
-                        registers[shared[k, 0]] = words[shared[k, 1]]
-                burst, stop = starts[i, 0], starts[i + 1, 0]
-                # Small programs are nothing but products and sums, and need none of the rest.
-                while burst < stop and not limited and bursts[burst, 0] == MULTIPLY_ADD:
-                    multiply_add(steps, bursts[burst, 1], bursts[burst, 2], registers)
-                    burst += 1
-                if limited:
-                    if count[COMPUTED] == 0:
-                        outcome = COMPUTES
-                    elif stops != NEVER and any_noted(notes):
-                        outcome = OVERLOADED
-                    else:
-                        count[COMPUTED] = 0
-                elif burst < stop:
-                    outside[clock, helper_functions.REPEAT] = repeat
-                    outside[clock, helper_functions.INSTANT] = cues[at, 2]
-                    if run_bursts(
-                        bursts,
-                        burst,
-                        stop,
-                        steps,
-                        registers,
-                        figures,
-                        axes,
-                        tables,
-                        places,
-                        intervals,
-                        outside,
-                    ):
-                        first, stop = starts[i, 4], starts[i + 1, 4]
-                        note_missed(asks, first, stop, places, intervals, outside)
-                if outcome == PAUSED and outside[clock, helper_functions.TIMES] > 0.0:
-                    outcome = OUTSIDE
-                if outcome != PAUSED:
-                    break
-                slot = slots[i, 0]
-                for w in range(starts[i, 1], starts[i + 1, 1]):
-                    ring[slot, w] = registers[word_registers[w]]
-                for m in range(starts[i, 2], starts[i + 1, 2]):
-                    if memory[m, LENGTH] == 0:
-                        registers[memory[m, KEEPS]] = registers[memory[m, SOURCE_OF]]
-                    else:
-                        remember(memory, registers, m)
-                slots[i, 0] = slot + 1 if slot + 1 < depth else 0
-            elif cue == END:
-                slot = slots[i, 1]
-                lost = False
-                for w in range(starts[i, 1], starts[i + 1, 1]):
-                    words[w] = ring[slot, w]
-                    lost |= not abs(words[w]) < math.inf
-                if lost:
-                    outcome = NOT_FINITE
-                    break
-                slots[i, 1] = slot + 1 if slot + 1 < depth else 0
-            elif cue in (LATCH, SOURCE):
-                if cue == LATCH:
-                    held = dac[i, 1]
-                    value = words[dac[i, 0]] * dac_figures[i, 0]
-                    if not abs(value) <= RUNAWAY_MU:
-                        outcome = RUNAWAY
-                    if abs(value) > 1.0:
-                        row_of = signals + adcs + i
-                        note_overload(notes, values, row_of, value, repeat, cues[at, 2], last)
-                        if stops != NEVER and outcome == PAUSED:
-                            outcome = OVERLOADED
-                    value = convert(value, 1.0, dac_figures[i, 1], dac_figures[i, 2])
-                else:
-                    held = stepped[i]
-                    value = step_values[i]
-                for s in range(sums):
-                    v[sums_at + s] += reach[held, s] * (value - v[inputs_at + held])
-                v[inputs_at + held] = value
-                if outcome != PAUSED:
-                    break
-            elif cue == LOOK:
-                beyond = False
-                for s in range(sums_at, column_at):
-                    beyond |= abs(v[s]) > 1.0
-                if beyond:
-                    watch(signal, v, notes, values, repeat, cues[at, 2], last)
-                    if stops != NEVER and any_noted(notes):
-                        outcome = OVERLOADED
-                        break
+            cue = cues[np.uint64(at)]
+            what, i = cue.what, np.uint64(cue.which)
+            now = Moment(repeat, cue.instant, last)
+            if what == ADVANCE:
+                outcome = WAITING if circuit else _advance(plant, state, normals, i, now)
+            elif what == SAMPLE:
+                state.sample[i] = state.v[adcs[i].place]
+            elif what == TAKE:
+                outcome = _take(adcs[i], i, state.v[adcs[i].place], signals, state, now)
+            elif what == CONVERT:
+                outcome = _take(adcs[i], i, state.sample[i], signals, state, now)
+            elif what == START:
+                outcome = _compute(deck, state, i, now)
+                if outcome == PAUSED:
+                    _begin(deck, state, i)
+            elif what == END:
+                outcome = _finish(deck, state, i)
+            elif what == LATCH:
+                row = signals + adcs.shape[0] + np.int64(i)
+                outcome = _latch(dacs[i], plant, state, row, now)
+            elif what == SOURCE:
+                _hold(plant, state, sources[i].input, sources[i].value_mu)
+            elif what == LOOK:
+                outcome = WAITING if circuit else _look(plant, state, now)
             else:
-                if skip == 0:
-                    for p in range(source.shape[0]):
-                        which = source[p, 1]
-                        if source[p, 0] == 0:
-                            value = v[which]
-                        elif source[p, 0] == 1:
-                            value = registers[which]
-                        else:
-                            value = words[which]
-                        rows[row, p] = value * factor[p]
-                    row += 1
-                    skip = keep_every
-                skip -= 1
+                _draw(pens, state, rows, keep_every)
+            if outcome != PAUSED:
+                break
             at += 1
         if outcome == PAUSED and at == cues.shape[0]:
             at = 0
             repeat += 1
-    count[SKIP], count[ROWS], count[DRAWS], count[REPEAT], count[CUE] = skip, row, drawn, repeat, at
+    state.counts[REPEAT], state.counts[CUE] = repeat, at
     return outcome
 
 

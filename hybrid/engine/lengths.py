@@ -10,8 +10,8 @@ from __future__ import annotations
 
 import math
 
+from hybrid.engine.arrays import Floats
 from hybrid.engine.compiling import compiled
-from hybrid.engine.kernel import Floats
 from hybrid.engine.sweep import (
     AGE,
     CRUISE,

@@ -9,9 +9,12 @@ from __future__ import annotations
 import math
 from typing import Any
 
+import numpy as np
+
 from hybrid.engine import helper_functions, kernel
+from hybrid.engine.arrays import Deck, Score, State
 from hybrid.engine.compiling import compiled
-from hybrid.engine.kernel import Deck, Score, State, note_overload
+from hybrid.engine.kernel import Moment, note_overload
 from hybrid.engine.rounding import BITS, OVERFLOW, STEP, STOP, code_of, run_rounded, within
 
 
@@ -33,16 +36,16 @@ def compute(score: Score, deck: Deck, state: State) -> bool:
 
     Values noted are in full scales of the word.
     """
-    cues, count, notes, values = score.cues, state.counts, state.overload, state.beyond
-    at, repeat, last = count[kernel.CUE], count[kernel.REPEAT], cues[cues.shape[0] - 1, 2]
-    program, instant, words = cues[at, 1], cues[at, 2], deck.words.shape[0]
-    clock = state.outside.shape[0] - 1
-    state.outside[clock, helper_functions.REPEAT] = repeat
-    state.outside[clock, helper_functions.INSTANT] = instant
+    cues, count = score.cues, state.counts
+    cue, last = cues[count[kernel.CUE]], cues[cues.shape[0] - 1].instant
+    now = Moment(count[kernel.REPEAT], cue.instant, last)
+    clock, program = state.outside.shape[0] - 1, np.int64(cue.which)
+    state.outside[clock, helper_functions.REPEAT] = now.repeat
+    state.outside[clock, helper_functions.INSTANT] = now.instant
     count[kernel.COMPUTED] = 1
-    k, end = deck.starts[program, 0], deck.starts[program + 1, 0]
+    k, end = np.int64(deck.programs[program].code), np.int64(deck.programs[program + 1].code)
     code, length_of, lengths, owner = deck.code[:end], deck.length_of, deck.lengths, deck.owner
-    r, row, stop = state.registers, notes.shape[0] - words, False
+    r, row, stop = state.registers, state.overload.shape[0] - deck.words.shape[0], False
     while True:
         k = run_rounded(
             code,
@@ -61,7 +64,7 @@ def compute(score: Score, deck: Deck, state: State) -> bool:
             return stop
         length, target = lengths[length_of[k]], code[k, 1]
         full_scale = math.ldexp(length[STEP], int(length[BITS]) - 1)
-        note_overload(notes, values, row + owner[k], r[target] / full_scale, repeat, instant, last)
+        note_overload(state, row + owner[k], r[target] / full_scale, now)
         stop |= length[OVERFLOW] == STOP
         r[target] = within(code_of(r[target], length), length) * length[STEP]
         k += 1

@@ -13,7 +13,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from hybrid.engine import helper_functions, kernel
-from hybrid.engine.kernel import Plant, Score, State
+from hybrid.engine.arrays import CUE, Plant, Score, State
 from hybrid.engine.limited import play_limited
 from hybrid.engine.preparation import (
     coupling_of,
@@ -182,7 +182,7 @@ class Player:
             return last.start + last.length * last.repeats
         counts = self.state.counts
         cue = counts[kernel.CUE]
-        instant = self.scores[self.segment].cues[cue - 1, 2] if cue else 0
+        instant = self.scores[self.segment].cues["instant"][cue - 1] if cue else 0
         return self._instant_ticks(counts[kernel.REPEAT], instant)
 
     @property
@@ -242,7 +242,7 @@ class Player:
             for row in np.flatnonzero(here & (outside[:, helper_functions.TIMES] > 0.0)).tolist():
                 self._asked_ticks[row] = self.asked_ticks(row)
             self._forget_intervals()
-            known, nothing = len(self._numbers), Score(np.zeros((0, 3), dtype=np.int32))
+            known, nothing = len(self._numbers), Score(np.zeros(0, dtype=CUE))
             self.scores[-1], self.offsets[-1], self._draws[-1] = nothing, [], NO_COUNTS
             self.segments[-1] = replace(self.segments[-1], events=())
             self._add(further)
@@ -273,7 +273,7 @@ class Player:
             )
         self.segments.append(segment)
         self.offsets.append(at)
-        self.scores.append(Score(np.array(cues, dtype=np.int32)))
+        self.scores.append(Score(np.array(cues, dtype=CUE)))
 
     def _cut(self, instant: int, at: int) -> None:
         """End the present segment at the tick `at`, after the instant of this number."""

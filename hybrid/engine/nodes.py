@@ -24,8 +24,8 @@ from typing import NamedTuple
 import numpy as np
 from numpy.polynomial import legendre
 
+from hybrid.engine.arrays import Floats, Ints
 from hybrid.engine.compiling import compiled
-from hybrid.engine.kernel import Floats, Ints
 from hybrid.engine.lanes import LANES
 
 # Above this many time constants the integral is summed by parts, which ends after q + 1 terms; up to it

@@ -21,6 +21,7 @@ import numpy as np
 import numpy.typing as npt
 
 from hybrid.elements import INTEGRATE, TRACK
+from hybrid.engine.arrays import Floats, Ints
 from hybrid.engine.circuit import (
     CONTROL,
     CORNER,
@@ -33,7 +34,6 @@ from hybrid.engine.circuit import (
 from hybrid.engine.compiling import compiled
 from hybrid.engine.corners import Log, moves, new_log, settle
 from hybrid.engine.handover import accept, guess
-from hybrid.engine.kernel import Floats, Ints
 from hybrid.engine.lanes import LANES, add_scaled, weigh
 from hybrid.engine.nodes import Nodes, Shelf, free_slot, new_shelf
 from hybrid.engine.overloads import watch

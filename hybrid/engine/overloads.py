@@ -5,8 +5,8 @@ Stage 4. Everything is read from the signal's polynomial, so that it is as exact
 
 from __future__ import annotations
 
+from hybrid.engine.arrays import Floats
 from hybrid.engine.compiling import compiled
-from hybrid.engine.kernel import Floats
 from hybrid.engine.nodes import RESOLUTION, Nodes, slope_at
 from hybrid.engine.sweep import (
     BEYOND_S,

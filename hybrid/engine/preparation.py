@@ -11,7 +11,22 @@ import numpy as np
 
 from hybrid.clockwork import Happening
 from hybrid.engine import kernel
-from hybrid.engine.kernel import Coupling, Deck, Pens, Plant, State
+from hybrid.engine.arrays import (
+    ADC,
+    DAC,
+    PEN,
+    PROGRAM,
+    REMEMBERED,
+    SHARED,
+    SLOTS,
+    SOURCE_STEP,
+    Coupling,
+    Deck,
+    Pens,
+    Plant,
+    State,
+    Structs,
+)
 from hybrid.engine.lookup import new_places, pack
 from hybrid.engine.propagator import Propagator, propagator
 from hybrid.machine import Floats, Holder, Machine, Pen, Sampler, StepEvent
@@ -105,7 +120,7 @@ def plant_of(machine: Machine, intervals: list[int]) -> Plant:
         np.ascontiguousarray(blocks),
         (np.arange(first + k + n) >= first + k).astype(np.float64),
         np.array([p.spread.shape[1] for p in all_of], dtype=np.int64),
-        np.array(_places(machine), dtype=np.int64),
+        np.array(_places(machine), dtype=np.uint32),
         np.ascontiguousarray(sum_rows[:, n:].T),
     )
 
@@ -135,17 +150,14 @@ def _coupled(
     holders: tuple[Holder, ...],
     steps: tuple[StepEvent, ...],
 ) -> Coupling:
-    adc = [(places[s.signal], i) for i, s in enumerate(samplers)]
-    dac = [(h.word, h.input) for h in holders]
+    adcs = [
+        (places[s.signal], i, s.to_si, s.range_mu, s.step_mu, s.clips)
+        for i, s in enumerate(samplers)
+    ]
+    dacs = [(h.word, h.input, h.to_mu, h.step_mu, h.clips) for h in holders]
+    sources = [(s.input, s.value) for s in steps]
     return Coupling(
-        np.array(adc, dtype=np.int64).reshape(-1, 2),
-        np.array([(s.to_si, s.range_mu, s.step_mu, float(s.clips)) for s in samplers]).reshape(
-            -1, 4
-        ),
-        np.array(dac, dtype=np.int64).reshape(-1, 2),
-        np.array([(h.to_mu, h.step_mu, float(h.clips)) for h in holders]).reshape(-1, 3),
-        np.array([s.input for s in steps], dtype=np.int64),
-        np.array([s.value for s in steps], dtype=np.float64),
+        np.array(adcs, dtype=ADC), np.array(dacs, dtype=DAC), np.array(sources, dtype=SOURCE_STEP)
     )
 
 
@@ -161,15 +173,22 @@ def deck_of(tape: Tape) -> tuple[Deck, Floats]:
         tight.steps,
         tight.asks,
         tape.word_registers.astype(np.uint32),
-        tape.memory,
+        _structs(tape.memory, REMEMBERED),
         *pack(tight.finds, tight.looks),
         tape.length_of,
         tape.lengths,
         np.zeros(0, dtype=np.int32),
-        tape.shared,
-        np.column_stack([tight.starts[:, 0], tape.starts[:, 1:], tight.starts[:, 1]]),
+        _structs(tape.shared, SHARED),
+        _structs(
+            np.column_stack([tight.starts[:, 0], tape.starts[:, 1:], tight.starts[:, 1]]), PROGRAM
+        ),
     )
     return deck, tight.registers
+
+
+def _structs(columns: np.ndarray, kind: np.dtype[np.void]) -> Structs:
+    """Rows of whole numbers as structs."""
+    return np.ascontiguousarray(columns, dtype=np.uint32).view(kind).reshape(-1)
 
 
 def written_deck(tape: Tape) -> Deck:
@@ -185,13 +204,15 @@ def written_deck(tape: Tape) -> Deck:
         np.zeros((0, 4), dtype=np.uint32),
         np.zeros((0, 3), dtype=np.int32),
         tape.word_registers.astype(np.uint32),
-        tape.memory,
+        _structs(tape.memory, REMEMBERED),
         *pack(finds, looks),
         tape.length_of,
         tape.lengths,
         np.array(tape.owner, dtype=np.int32),
-        tape.shared,
-        np.column_stack([tape.starts, np.zeros(len(tape.starts), dtype=np.int64)]),
+        _structs(tape.shared, SHARED),
+        _structs(
+            np.column_stack([tape.starts, np.zeros(len(tape.starts), dtype=np.int64)]), PROGRAM
+        ),
     )
 
 
@@ -199,11 +220,10 @@ def pens_of(machine: Machine, pens: tuple[Pen, ...]) -> Pens:
     """Where the columns of the record come from."""
     source = {"analog": 0, "dac": 0, "mode": 0, "adc": 1, "word": 2}
     places = _places(machine)
-    table = [(source[p.kind], p.index if source[p.kind] else places[p.index]) for p in pens]
-    return Pens(
-        np.array(table, dtype=np.int64).reshape(-1, 2),
-        np.array([p.factor for p in pens], dtype=np.float64),
-    )
+    drawn = [
+        (source[p.kind], p.index if source[p.kind] else places[p.index], p.factor) for p in pens
+    ]
+    return Pens(np.array(drawn, dtype=PEN))
 
 
 def state_of(machine: Machine, plant: Plant) -> State:
@@ -223,7 +243,7 @@ def state_of(machine: Machine, plant: Plant) -> State:
         np.zeros(len(machine.samplers)),
         registers.copy(),
         np.zeros((latency, words)),
-        np.zeros((max(len(timing.tasks), 1), 2), dtype=np.int64),
+        np.zeros(max(len(timing.tasks), 1), dtype=SLOTS),
         machine.tape.registers[machine.tape.word_registers],
         np.zeros(7, dtype=np.int64),
         np.zeros((watched, 6), dtype=np.int64),
@@ -238,6 +258,6 @@ def draws_before(cues: np.ndarray, draws: np.ndarray) -> np.ndarray:
     if not draws.any():
         return np.zeros(len(cues) + 1, dtype=np.int64)
     per_cue = np.zeros(len(cues), dtype=np.int64)
-    advances = cues[:, 0] == kernel.ADVANCE
-    per_cue[advances] = draws[cues[advances, 1]]
+    advances = cues["what"] == kernel.ADVANCE
+    per_cue[advances] = draws[cues["which"][advances]]
     return np.concatenate([[0], np.cumsum(per_cue)])

@@ -27,8 +27,8 @@ from typing import NamedTuple
 import numpy as np
 from numpy.polynomial import legendre
 
+from hybrid.engine.arrays import Floats
 from hybrid.engine.compiling import allocating, compiled
-from hybrid.engine.kernel import Floats
 from hybrid.engine.nodes import FEW_CONSTANTS, GAUSS_POINTS, nodes
 
 

@@ -31,6 +31,7 @@ from hybrid.elements import (
     SWITCH,
     TRACK,
 )
+from hybrid.engine.arrays import Floats
 from hybrid.engine.circuit import (
     AMPLITUDE,
     AT,
@@ -62,7 +63,7 @@ from hybrid.engine.circuit import (
     STOP,
     Circuit,
 )
-from hybrid.engine.kernel import RUNAWAY_MU, Floats
+from hybrid.engine.kernel import RUNAWAY_MU
 
 # A guard this far beyond its bound at rest means another piece; events are located better than that.
 SLACK = 1e-11

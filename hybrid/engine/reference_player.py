@@ -11,7 +11,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from hybrid.engine import kernel
-from hybrid.engine.kernel import Floats, Score, State
+from hybrid.engine.arrays import Floats, Score, State
 from hybrid.engine.linear import Overload, Player
 from hybrid.engine.reference import Chatters, Method, NotResolved, Reference, RunsAway
 from hybrid.engine.remarks import refuse_undefined
@@ -117,7 +117,7 @@ class ReferencePlayer(CircuitPlayer):
             if counts[kernel.CUE] == len(score.cues):
                 counts[kernel.CUE], counts[kernel.REPEAT] = 0, counts[kernel.REPEAT] + 1
 
-    def _follow(self, cue: list[int]) -> int:
+    def _follow(self, cue: tuple[int, int, int]) -> int:
         """Advance the circuit to the cue's instant, or let it follow a jump; WAITING: done."""
         clock, reference = self.clock, self.reference
         start_s = clock.start_s + int(self.state.counts[kernel.REPEAT]) * clock.length_s

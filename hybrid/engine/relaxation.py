@@ -18,11 +18,12 @@ from typing import NamedTuple
 
 import numpy as np
 
+from hybrid.engine.arrays import Floats, Ints
 from hybrid.engine.circuit import FIRST_PIECE, HIGH, LOW, Circuit
 from hybrid.engine.compiling import compiled
 from hybrid.engine.corners import Log, change_piece, first_exit, leaves, locate, settle
 from hybrid.engine.handover import accept, guess
-from hybrid.engine.kernel import RUNAWAY_MU, Floats, Ints
+from hybrid.engine.kernel import RUNAWAY_MU
 from hybrid.engine.lengths import adapt, begin_short, next_length, reject
 from hybrid.engine.nodes import Nodes, Shelf, point_weights, slope_at
 from hybrid.engine.noise import Noise, bring_up, finest, jump, play_truth, show

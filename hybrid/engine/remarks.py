@@ -10,6 +10,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from hybrid.elements import QUOTIENT
+from hybrid.engine.arrays import Floats
 from hybrid.engine.circuit import (
     AT,
     C0,
@@ -24,7 +25,6 @@ from hybrid.engine.circuit import (
     OWNER,
     Circuit,
 )
-from hybrid.engine.kernel import Floats
 from hybrid.engine.sweep import ENDED_BY, FROM_S, MOST, SHRUNK, TURNED_S, TURNS, State
 from hybrid.errors import PatchError
 from hybrid.machine import Machine

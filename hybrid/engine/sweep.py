@@ -28,6 +28,7 @@ from hybrid.elements import (
     SWITCH,
     TRACK,
 )
+from hybrid.engine.arrays import Floats, Ints
 from hybrid.engine.circuit import (
     AMPLITUDE,
     AT,
@@ -59,7 +60,7 @@ from hybrid.engine.circuit import (
     Circuit,
 )
 from hybrid.engine.compiling import compiled, inlined
-from hybrid.engine.kernel import RUNAWAY_MU, Floats, Ints
+from hybrid.engine.kernel import RUNAWAY_MU
 from hybrid.engine.lanes import (
     LANES,
     add_scaled,

@@ -9,9 +9,9 @@ from __future__ import annotations
 
 import math
 
+from hybrid.engine.arrays import Floats
 from hybrid.engine.circuit import FIRST_PIECE, HIGH, LAG, LOW, OWNER, Circuit
 from hybrid.engine.compiling import compiled
-from hybrid.engine.kernel import Floats
 from hybrid.engine.nodes import Nodes, slope_at
 from hybrid.engine.sweep import (
     FROM_S,

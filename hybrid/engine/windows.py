@@ -14,6 +14,7 @@ import numpy as np
 
 from hybrid.elements import INPUT
 from hybrid.engine import kernel
+from hybrid.engine.arrays import Floats, Plant, Score, State
 from hybrid.engine.calls import Calls
 from hybrid.engine.circuit import Builder
 from hybrid.engine.corners import new_log
@@ -25,7 +26,6 @@ from hybrid.engine.interplay import (
     play_limited_circuit,
     settle_loops,
 )
-from hybrid.engine.kernel import Floats, Plant, Score, State
 from hybrid.engine.linear import Overload, Player
 from hybrid.engine.nodes import RESOLUTION, Shelf, new_shelf, nodes
 from hybrid.engine.noise import Noise, new_noise
@@ -88,7 +88,7 @@ class CircuitPlayer(Player):
         later, segment = self.timeline.later, self.segments[self.segment]
         assert later is not None
         cue, offsets = self.state.counts[kernel.CUE], self.offsets[self.segment]
-        instant = int(self.scores[self.segment].cues[cue, 2]) - 1  # all of it is done
+        instant = int(self.scores[self.segment].cues["instant"][cue]) - 1  # all of it is done
         done = segment.start + offsets[instant]
         into = to_ticks(float(self.side.called_s[0]))
         at = min(done + into, segment.start + offsets[instant + 1])
@@ -124,7 +124,7 @@ class CircuitPlayer(Player):
             np.zeros((0, 0, inputs, 8)),
             np.zeros(signals + 1),  # and the machine's mode
             np.zeros(len(intervals), dtype=np.int64),
-            np.arange(signals),
+            np.arange(signals, dtype=np.uint32),
             np.zeros((inputs, 0)),
         )
 
