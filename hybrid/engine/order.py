@@ -50,12 +50,38 @@ def _ordered(
         kept = {(a, b) for a, b in kept if a != cut or b not in group}
         inside = {(a, b) for a, b in kept if a in group and b in group}
         loops += [g for g in _groups(len(names), inside) if len(g) > 1 or (g[0], g[0]) in inside]
+    kept = _mended(kept, edges - kept)
     before, after = reach(edges, looped, 0), reach(edges, looped, 1)
     section = [0 if i not in after else 2 if i not in before else 1 for i in range(len(names))]
     readers = {i: sorted(a for a, b in kept if b == i) for i in range(len(names))}
     ordered = sorted(TopologicalSorter(readers).static_order(), key=lambda i: section[i])
     heads, cores = section.count(0), section.count(0) + section.count(1)
     return tuple(names[i] for i in ordered), (heads, cores)
+
+
+def _mended(kept: set[tuple[int, int]], cut: set[tuple[int, int]]) -> set[tuple[int, int]]:
+    """As many of the cut edges put back as close no loop: their readers then see the new value.
+
+    A sweep through two integrators in a ring brings them closer by the square of what it does where
+    both read what the other was.
+    """
+    readers: dict[int, set[int]] = {}
+    for a, b in kept:
+        readers.setdefault(a, set()).add(b)
+    for a, b in sorted(cut):
+        if a not in _reached(readers, b):
+            readers.setdefault(a, set()).add(b)
+    return {(a, b) for a, those in readers.items() for b in those}
+
+
+def _reached(readers: Mapping[int, set[int]], seed: int) -> set[int]:
+    """The seed and all that depends on it."""
+    found, waiting = {seed}, [seed]
+    while waiting:
+        more = readers.get(waiting.pop(), set()) - found
+        found |= more
+        waiting += more
+    return found
 
 
 def _rank(element: Element) -> int:
