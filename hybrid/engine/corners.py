@@ -47,6 +47,7 @@ from hybrid.engine.circuit import (
     Circuit,
 )
 from hybrid.engine.compiling import compiled, inlined
+from hybrid.engine.lanes import between, combine
 from hybrid.engine.nodes import Nodes
 from hybrid.engine.sweep import (
     AS,
@@ -108,7 +109,7 @@ def change_piece(
     state.counts[EVENTS] += 1
 
 
-@compiled
+@inlined
 def _right_piece(
     circuit: Circuit, state: State, corner: int, g: float, t_s: float, log: Log
 ) -> float:
@@ -164,7 +165,7 @@ def _stop_integrator(circuit: Circuit, state: State, e: int, t_s: float, log: Lo
     state.guard_start[corner] = state.memory[e, X] if state.piece[corner] == 1 else drive
 
 
-@compiled
+@inlined
 def _mode_of(circuit: Circuit, lead: State, e: int) -> int:
     """The mode of an integrator or of the machine: what gives its number, what resets, what holds."""
     rows, mode = circuit.rows, OP
@@ -181,7 +182,7 @@ def _mode_of(circuit: Circuit, lead: State, e: int) -> int:
     return mode
 
 
-@compiled
+@inlined
 def _set_integrator(
     circuit: Circuit, state: State, e: int, mode: int, u: float, t_s: float, log: Log, first: bool
 ) -> bool:
@@ -243,7 +244,7 @@ def settle(
             break
 
 
-@compiled
+@inlined
 def _settle_in_order(
     circuit: Circuit,
     state: State,
@@ -309,7 +310,7 @@ def _settle_in_order(
     return moved
 
 
-@compiled
+@inlined
 def first_exit(circuit: Circuit, state: State, grid: Nodes) -> tuple[int, float]:
     """Corner whose guard leaves its piece first, and at what fraction of the window; (-1, 1) if none.
 
@@ -317,17 +318,18 @@ def first_exit(circuit: Circuit, state: State, grid: Nodes) -> tuple[int, float]
     stays unseen.
     """
     found, at = -1, 1.0
+    starts, guard, middle = state.guard_start, state.guard, state.row
     for corner in range(circuit.corners.shape[0]):
         p = circuit.corners[corner, FIRST_PIECE] + state.piece[corner]
         low, high = circuit.pieces[p, LOW], circuit.pieces[p, HIGH]
-        before, after = leaves(grid, state.guard_start[corner], state.guard[corner], low, high)
-        if after < before or before >= at:
-            continue
-        when = locate(
-            grid, state.guard_start[corner], state.guard[corner], low, high, before, after
-        )
-        if found < 0 or when < at:
-            found, at = corner, when
+        combine(middle, 0, guard, corner, 0.0, grid.midway, 0, starts[corner], guard, corner)
+        if between(guard, corner, low, high) and between(middle, 0, low, high):
+            continue  # as nearly always
+        before, after = leaves(grid, starts[corner], guard[corner], low, high)
+        if after >= before and before < at:
+            when = locate(grid, starts[corner], guard[corner], low, high, before, after)
+            if found < 0 or when < at:
+                found, at = corner, when
     return found, at
 
 

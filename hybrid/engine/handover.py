@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from hybrid.engine.arrays import Floats
 from hybrid.engine.circuit import Circuit
-from hybrid.engine.compiling import compiled
+from hybrid.engine.compiling import compiled, inlined
 from hybrid.engine.lanes import LANES, add_scaled, combine, copy, fill
 from hybrid.engine.nodes import Nodes
 from hybrid.engine.sweep import (
@@ -27,7 +27,7 @@ from hybrid.engine.sweep import (
 )
 
 
-@compiled
+@inlined
 def guess(
     circuit: Circuit,
     state: State,
@@ -71,7 +71,7 @@ def _read_at_nodes(
             add_scaled(weights, k, grid.series[n, k], legendre, n)
 
 
-@compiled
+@inlined
 def accept(
     circuit: Circuit, state: State, grid: Nodes, length_s: float, tail: float, tolerance: float
 ) -> None:

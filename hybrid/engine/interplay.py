@@ -12,7 +12,7 @@ import numpy as np
 from hybrid.engine import kernel
 from hybrid.engine.arrays import Coupling, Deck, Floats, Ints, Pens, Plant, Score, State
 from hybrid.engine.circuit import Circuit
-from hybrid.engine.compiling import allocating, compiled
+from hybrid.engine.compiling import allocating, compiled, inlined
 from hybrid.engine.corners import Log, settle
 from hybrid.engine.limited import compute
 from hybrid.engine.nodes import RESOLUTION, Nodes, Shelf
@@ -64,7 +64,7 @@ class Clock(NamedTuple):
     intervals_s: Floats  # (intervals,)
 
 
-@compiled
+@inlined
 def follow(
     side: Side, noise: Noise | None, plant: Plant, state: State, t_s: float, duration_s: float
 ) -> int:
@@ -120,8 +120,8 @@ def _hold_now(score: Score, side: Side, noise: Noise | None, clock: Clock, state
         jump(side.circuit, side.state, noise, now_s, 0.0)
 
 
-@allocating
-def play_circuit(
+@compiled
+def take_turns(
     score: Score,
     plant: Plant,
     coupling: Coupling,
@@ -178,14 +178,20 @@ def play_circuit(
 
 
 @allocating
+def play_circuit(*given: Any) -> int:
+    """`take_turns`, which counts no references to arrays, from Python."""
+    return int(take_turns(*given))
+
+
+@allocating
 def play_limited_circuit(*given: Any) -> int:
-    """`play_circuit` for programs of limited word length: a cycle is computed between two calls."""
+    """`take_turns` for programs of limited word length: a cycle is computed between two calls."""
     score, deck, state, side = given[0], given[3], given[5], given[11]
     last = side.state.counts[WINDOWS] + CHUNK_WINDOWS
     for _ in range(CHUNK_ADVANCES):
         if side.state.counts[WINDOWS] > last:
             break
-        outcome = play_circuit(*given)
+        outcome = take_turns(*given)
         if outcome != kernel.COMPUTES:
             return int(outcome)
         if compute(score, deck, state):

@@ -50,6 +50,36 @@ def _add_product(builder: Any, total: Any, a: Any, b: Any) -> Any:
     return builder.fadd(total, builder.fmul(a, b, flags=_FUSED), flags=_FUSED)
 
 
+def _add_up(builder: Any, value: Any) -> Any:
+    """The sum of all lanes: halves, quarters, ..."""
+    lanes = LANES
+    while lanes > 1:
+        lanes //= 2
+        value = builder.fadd(*_halves(builder, value, lanes))
+    return builder.extract_element(value, ir.IntType(32)(0))
+
+
+def _halves(builder: Any, value: Any, lanes: int) -> list[Any]:
+    """The lower and the upper half, of so many lanes each."""
+    number = ir.IntType(32)
+    return [
+        builder.shuffle_vector(
+            value,
+            ir.Constant(value.type, ir.Undefined),
+            ir.Constant(ir.VectorType(number, lanes), [number(start + k) for k in range(lanes)]),
+        )
+        for start in (0, lanes)
+    ]
+
+
+def _all_between(builder: Any, value: Any, low: Any, high: Any) -> Any:
+    """Whether every lane is between these bounds; not where one is no number."""
+    over = builder.fcmp_unordered(">", value, _spread(builder, high))
+    under = builder.fcmp_unordered("<", value, _spread(builder, low))
+    mask = builder.bitcast(builder.or_(over, under), ir.IntType(LANES))
+    return builder.icmp_unsigned("==", mask, ir.IntType(LANES)(0))
+
+
 def _rows(signature: Any, generate: Callable[..., None]) -> Any:
     """Signature and code generator of an operation that returns nothing."""
 
@@ -229,23 +259,37 @@ def farthest(typing: Any, a: Any, a_row: Any, b: Any, b_row: Any) -> Any:
         lanes = LANES
         while lanes > 1:  # the upper half against the lower one
             lanes //= 2
-            halves = [
-                builder.shuffle_vector(
-                    size,
-                    ir.Constant(size.type, ir.Undefined),
-                    ir.Constant(
-                        ir.VectorType(ir.IntType(32), lanes),
-                        [ir.IntType(32)(start + k) for k in range(lanes)],
-                    ),
-                )
-                for start in (0, lanes)
-            ]
+            halves = _halves(builder, size, lanes)
             size = builder.select(builder.fcmp_ordered(">", *halves), *halves)
         largest = builder.extract_element(size, ir.IntType(32)(0))
         lost = builder.icmp_unsigned("!=", none, ir.IntType(LANES)(0))
         return builder.select(lost, ir.DoubleType()(float("nan")), largest)
 
     return types.float64(a, types.intp, b, types.intp), codegen
+
+
+@intrinsic
+def dot(typing: Any, a: Any, a_row: Any, b: Any, b_row: Any) -> Any:
+    """The sum of a[a_row] * b[b_row] over the lanes."""
+
+    def codegen(context: Any, builder: Any, signature: Any, given: Any) -> Any:
+        kinds = signature.args
+        left = _load(builder, _pointer(context, builder, kinds[0], *given[:2]))
+        right = _load(builder, _pointer(context, builder, kinds[2], *given[2:4]))
+        return _add_up(builder, builder.fmul(left, right))
+
+    return types.float64(a, types.intp, b, types.intp), codegen
+
+
+@intrinsic
+def between(typing: Any, source: Any, row: Any, low: Any, high: Any) -> Any:
+    """Whether every lane of source[row] is between these bounds; not where one is no number."""
+
+    def codegen(context: Any, builder: Any, signature: Any, given: Any) -> Any:
+        value = _load(builder, _pointer(context, builder, signature.args[0], *given[:2]))
+        return _all_between(builder, value, given[2], given[3])
+
+    return types.boolean(source, types.intp, types.float64, types.float64), codegen
 
 
 @intrinsic
@@ -331,9 +375,7 @@ def change(typing: Any, out: Any, row: Any, kept: Any, by: Any) -> Any:
         step = _load(builder, _pointer(context, builder, kinds[3], by, row))
         value = _add_product(builder, step, factor, _load(builder, target))
         _store(builder, value, target)
-        over = builder.fcmp_unordered(">", value, ir.Constant(_ROW, [1.0] * LANES))
-        under = builder.fcmp_unordered("<", value, ir.Constant(_ROW, [-1.0] * LANES))
-        mask = builder.bitcast(builder.or_(over, under), ir.IntType(LANES))
-        return builder.icmp_unsigned("==", mask, ir.IntType(LANES)(0))
+        figure = ir.DoubleType()
+        return _all_between(builder, value, figure(-1.0), figure(1.0))
 
     return types.boolean(out, types.intp, kept, by), codegen

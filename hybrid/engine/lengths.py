@@ -11,7 +11,7 @@ from __future__ import annotations
 import math
 
 from hybrid.engine.arrays import Floats
-from hybrid.engine.compiling import compiled
+from hybrid.engine.compiling import compiled, inlined
 from hybrid.engine.sweep import (
     AGE,
     CRUISE,
@@ -34,6 +34,8 @@ LEAST_DECAY = 0.2
 # The next window aims at this share of what is allowed, and is at most so much longer or shorter.
 AIM = 0.1
 MOST_GROWTH = 2.0
+# A window that leaves more than this share of what is allowed is followed by a shorter one.
+CALM = 0.5
 # From one jump to the next, a window of which nearly nothing is left may be so much longer.
 MOST_LEARNED = 8.0
 MOST_CUT = 0.1
@@ -48,7 +50,7 @@ def begin_short(state: State, jumped: int) -> None:
     state.counts[KNOWN], state.counts[JUMPED], state.counts[RUNG] = 0, jumped, 0
 
 
-@compiled
+@inlined
 def next_length(length_s: float, remaining_s: float) -> float:
     """At most this long, of few different lengths, or all that remains."""
     if length_s >= remaining_s * (1.0 - 1e-9):
@@ -91,7 +93,7 @@ def reject(state: State, taus_s: Floats, length_s: float, share: float, q: int) 
         state.rungs[counts[JUMPED], counts[RUNG]] = clock[NEXT]
 
 
-@compiled
+@inlined
 def adapt(state: State, taus_s: Floats, length_s: float, share: float, q: int) -> None:
     """Suggest the length of the next window; soon after a jump, what was learned after earlier ones."""
     clock, counts, rungs = state.clock, state.counts, state.rungs[state.counts[JUMPED]]
@@ -107,7 +109,9 @@ def adapt(state: State, taus_s: Floats, length_s: float, share: float, q: int) -
         change = _change_of_length(
             share * max(math.exp(-length_s / tau), LEAST_DECAY), q, MOST_GROWTH
         )
-    suggested = max(length_s * change, min(length_s, clock[NEXT]))
+    suggested = length_s * change
+    if not share > CALM:  # else the next one would not be resolved, and be played twice
+        suggested = max(suggested, min(length_s, clock[NEXT]))
     if learned > 0.0:
         suggested = learned
     if cut_short:

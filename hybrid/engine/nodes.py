@@ -25,7 +25,7 @@ import numpy as np
 from numpy.polynomial import legendre
 
 from hybrid.engine.arrays import Floats, Ints
-from hybrid.engine.compiling import compiled
+from hybrid.engine.compiling import compiled, inlined
 from hybrid.engine.lanes import LANES
 
 # Above this many time constants the integral is summed by parts, which ends after q + 1 terms; up to it
@@ -49,9 +49,12 @@ class Nodes(NamedTuple):
     powers: Floats  # (q, POWERS, n): integral over 0 <= x <= c_j of (-x)^m / m! l_k(c_j - x)
     slopes: Floats  # (n, n, n): [m, j, k], derivative number m of l_k at point j
     series: Floats  # (n, n): Legendre coefficients on [0, 1] from the values at the points
+    tail: Floats  # (2, LANES): the last of these and the one before, from the values at the nodes
+    tail_of_start: Floats  # (2,): and from that at the start
     between: (
         Floats  # (n, n): from values at the points to values midway between them (the last: at 1)
     )
+    midway: Floats  # (1 + LANES, LANES): the same for all lanes at once
 
 
 class Shelf(NamedTuple):
@@ -63,7 +66,7 @@ class Shelf(NamedTuple):
 
     lengths_s: Floats  # (slots,): 0 where free
     met_s: Floats  # (slots,): other lengths asked for, most recently
-    next_slot: Ints  # (2,): of the two above
+    next_slot: Ints  # (3,): of the two above; and the slot asked for last
     weights: (
         Floats  # (slots, laws, blocks, n, BLOCK): rows of eight nodes, beside each other in memory
     )
@@ -91,7 +94,14 @@ def nodes(q: int = 8) -> Nodes:
         slopes[m] = legendre.legval(2 * points - 1, legendre.legder(series, m)).T * 2.0**m
     middle = np.append((points[1:] + points[:-1]) / 2, 1.0)
     between = legendre.legvander(2 * middle - 1, q) @ series
-    return Nodes(marks, points, abscissae, basis, powers, slopes, series, between)
+    midway = np.zeros((1 + LANES, LANES))
+    midway[: q + 1] = between[np.minimum(np.arange(LANES), q - 1)].T
+    tail = np.zeros((2, LANES))
+    tail[:, :q] = series[: q - 2 : -1, 1:]
+    of_start = series[: q - 2 : -1, 0].copy()
+    return Nodes(
+        marks, points, abscissae, basis, powers, slopes, series, tail, of_start, between, midway
+    )
 
 
 def _radau(q: int) -> Floats:
@@ -112,7 +122,7 @@ def new_shelf(laws: int, slots: int = 48) -> Shelf:
     return Shelf(
         np.zeros(slots),
         np.zeros(slots),
-        np.array([1, 0]),
+        np.array([1, 0, 0]),
         np.zeros((slots, laws, 1 + LANES, LANES)),
         np.zeros((slots, laws, LANES)),
     )
@@ -165,11 +175,20 @@ def _by_quadrature(
             )
 
 
-@compiled
+@inlined
 def shelved(shelf: Shelf, grid: Nodes, laws: Floats, length_s: float) -> int:
     """Slot of the operators of all `laws` (laws, 2: rate, drive) for this length, made if need be."""
-    slots = shelf.lengths_s.shape[0]
-    for slot in range(slots):
+    slot = shelf.next_slot[2]
+    if shelf.lengths_s[slot] != length_s:
+        slot = find_or_make(shelf, grid, laws, length_s)
+        shelf.next_slot[2] = slot
+    return int(slot)
+
+
+@compiled
+def find_or_make(shelf: Shelf, grid: Nodes, laws: Floats, length_s: float) -> int:
+    """The same, for another length than that of the window before."""
+    for slot in range(shelf.lengths_s.shape[0]):
         if shelf.lengths_s[slot] == length_s:
             return slot
     slot = free_slot(shelf, length_s)

@@ -31,7 +31,7 @@ from hybrid.engine.circuit import (
     SOURCE,
     Circuit,
 )
-from hybrid.engine.compiling import compiled
+from hybrid.engine.compiling import compiled, inlined
 from hybrid.engine.corners import Log, moves, new_log, settle
 from hybrid.engine.handover import accept, guess
 from hybrid.engine.lanes import LANES, add_scaled, weigh
@@ -117,7 +117,7 @@ def jump(circuit: Circuit, smooth: State, noise: Noise, t_s: float, now_s: float
     settle(circuit, truth, smooth, t_s, now_s, noise.log, False, 0.0)
 
 
-@compiled
+@inlined
 def play_truth(
     circuit: Circuit,
     smooth: State,
@@ -216,7 +216,7 @@ def _draw(
         add_scaled(nodes, e, 1.0, fresh, k)
 
 
-@compiled
+@inlined
 def bring_up(
     circuit: Circuit, smooth: State, noise: Noise, t_s: float, now_s: float, log: Log
 ) -> bool:

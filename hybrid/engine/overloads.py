@@ -6,7 +6,8 @@ Stage 4. Everything is read from the signal's polynomial, so that it is as exact
 from __future__ import annotations
 
 from hybrid.engine.arrays import Floats
-from hybrid.engine.compiling import compiled
+from hybrid.engine.compiling import compiled, inlined
+from hybrid.engine.lanes import between
 from hybrid.engine.nodes import RESOLUTION, Nodes, slope_at
 from hybrid.engine.sweep import (
     BEYOND_S,
@@ -27,15 +28,12 @@ NEAR = 0.97
 HALVINGS = 60
 
 
-@compiled
+@inlined
 def watch(state: State, grid: Nodes, t_s: float, length_s: float) -> None:
     """Note every signal that is beyond full scale in the window that begins at t_s."""
     start, nodes, overload = state.start, state.nodes, state.overload
     for e in range(nodes.shape[0]):
-        near = abs(start[e]) > NEAR
-        for j in range(len(grid.marks)):
-            near |= abs(nodes[e, j]) > NEAR
-        if near:
+        if abs(start[e]) > NEAR or not between(nodes, e, -NEAR, NEAR):
             _note(grid, start[e], nodes[e], overload[e], t_s, length_s)
 
 

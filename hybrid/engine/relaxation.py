@@ -20,10 +20,11 @@ import numpy as np
 
 from hybrid.engine.arrays import Floats, Ints
 from hybrid.engine.circuit import FIRST_PIECE, HIGH, LOW, Circuit
-from hybrid.engine.compiling import compiled
+from hybrid.engine.compiling import compiled, inlined
 from hybrid.engine.corners import Log, change_piece, first_exit, leaves, locate, settle
 from hybrid.engine.handover import accept, guess
 from hybrid.engine.kernel import RUNAWAY_MU
+from hybrid.engine.lanes import dot
 from hybrid.engine.lengths import adapt, begin_short, next_length, reject
 from hybrid.engine.nodes import Nodes, Shelf, point_weights, slope_at
 from hybrid.engine.noise import Noise, bring_up, finest, jump, play_truth, show
@@ -49,6 +50,7 @@ from hybrid.engine.sweep import (
     WORST_VALUE,
     State,
     solve,
+    solve_again,
 )
 from hybrid.engine.switching import chatters, count_change, gathers
 from hybrid.modes import CONTINUE, STOP_RUN
@@ -133,7 +135,7 @@ def advance(
         if over >= 0:
             length = max(length * earlier, SHORTEST_S)
             guess(circuit, state, grid, 0.0, earlier, len(grid.marks), state.start, state.nodes)
-            solve(circuit, state, shelf, grid, t_s + now, length, tolerance)
+            solve_again(circuit, state, shelf, grid, t_s + now, length, tolerance)
         elif corner >= 0:
             by = 1 if _guard_rises(circuit, state, grid, corner, at) else -1
             length = _cut(
@@ -183,7 +185,7 @@ def advance(
     return SWITCHED if counts[CALLED] > 0 else DONE, now
 
 
-@compiled
+@inlined
 def _begin(circuit: Circuit, state: State, t_s: float, log: Log) -> bool:
     """Settle what follows at once, where something jumped or nothing has been played yet; whether so."""
     jumped = state.counts[STARTED] == 0
@@ -247,29 +249,25 @@ def hold_for_good(circuit: Circuit, state: State, t_s: float, now_s: float, log:
     begin_short(state, AFTER_EVENT)
 
 
-@compiled
+@inlined
 def _tail(state: State, grid: Nodes) -> float:
     """Largest of the last Legendre coefficients of any signal, of full scale or of the signal."""
-    q = len(grid.marks)
-    worst = 0.0
-    for e in range(state.nodes.shape[0]):
-        last, previous, size = (
-            grid.series[q, 0] * state.start[e],
-            grid.series[q - 1, 0] * state.start[e],
-            max(1.0, abs(state.nodes[e, q - 1])),
-        )
-        for j in range(q):
-            last += grid.series[q, j + 1] * state.nodes[e, j]
-            previous += grid.series[q - 1, j + 1] * state.nodes[e, j]
+    end, worst = len(grid.marks) - 1, 0.0
+    start, nodes, tail, of_start = state.start, state.nodes, grid.tail, grid.tail_of_start
+    for e in range(nodes.shape[0]):
+        last = abs(of_start[0] * start[e] + dot(nodes, e, tail, 0))
+        previous = abs(of_start[1] * start[e] + dot(nodes, e, tail, 1))
         # One coefficient may be zero by symmetry, two neighbours are not; each further degree brings
         # about one decade where windows are as long as they may.
-        tail = max(abs(last), 0.1 * abs(previous)) / size
-        if not tail <= worst:
-            worst = tail
+        share = max(last, 0.1 * previous)
+        if not share <= worst:  # most are far below, and need no division
+            share /= max(1.0, abs(nodes[e, end]))
+            if not share <= worst:
+                worst = share
     return worst
 
 
-@compiled
+@inlined
 def _prepare_guess(circuit: Circuit, state: State, grid: Nodes, length_s: float) -> None:
     """Continue the last window's polynomials into this one; constants where they say nothing."""
     n = state.nodes.shape[0]
@@ -319,7 +317,7 @@ def _cut(
     for _ in range(5):
         guess(circuit, state, grid, 0.0, length_s / whole_s, q, state.start, state.nodes)
         whole_s = length_s
-        solve(circuit, state, shelf, grid, t_s, length_s, tolerance)
+        solve_again(circuit, state, shelf, grid, t_s, length_s, tolerance)
         miss = state.guard[corner, q - 1] - bound
         slope = slope_at(grid, state.guard_start[corner], state.guard[corner], q)
         step = -miss / slope if slope != 0.0 else math.inf
@@ -351,7 +349,7 @@ def _record(state: State, grid: Nodes, pen: Pen, end_s: float, length_s: float) 
     state.counts[ROWS] = row
 
 
-@compiled
+@inlined
 def _lost(state: State) -> int:
     """RUNAWAY if a signal is far beyond any scale or no number, else UNRESOLVED."""
     for e in range(state.start.shape[0]):

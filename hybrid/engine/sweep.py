@@ -217,7 +217,7 @@ def is_high(rows: Ints, piece: Ints, memory: Floats, by: int) -> bool:
     return bool(memory[by, BEFORE] > 0.5)
 
 
-@compiled
+@inlined
 def sweep(
     circuit: Circuit,
     state: State,
@@ -380,6 +380,21 @@ def special(
 
 
 @compiled
+def solve_again(
+    circuit: Circuit,
+    state: State,
+    shelf: Shelf,
+    grid: Nodes,
+    t_s: float,
+    length_s: float,
+    tolerance: float,
+) -> bool:
+    """`solve` for windows that are cut short, which are few: called, and not in line."""
+    fits: bool = solve(circuit, state, shelf, grid, t_s, length_s, tolerance)
+    return fits
+
+
+@inlined
 def solve(
     circuit: Circuit,
     state: State,
