@@ -14,6 +14,7 @@ from hybrid import coupling
 from hybrid.arguments import Parameters, Source, machine_of
 from hybrid.components import CATALOG
 from hybrid.components.delay import DEFAULT_ORDER, good_to
+from hybrid.cycle_map import stretch_s
 from hybrid.equipment import Part, count_parts
 from hybrid.errors import counted
 from hybrid.linearity import NotLinear
@@ -351,7 +352,7 @@ def _which_prediction(machine: Machine) -> str:
         return f"no exact prediction: {reason}"
     kind = "the exact one-cycle matrix" if machine.timing.period else "the exact analog matrix"
     if machine.timing.tasks:
-        length_s = coupling.stretch_s(machine)
+        length_s = stretch_s(machine)
         kind = f"the exact matrix over {length_s:g} s, after which all tasks are where they were"
     case: Case | None = closed_form_case(machine)
     closed = (

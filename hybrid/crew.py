@@ -14,7 +14,7 @@ import signal
 import sys
 import threading
 import warnings
-from collections.abc import Callable, Generator, Iterator, Sequence
+from collections.abc import Callable, Generator, Iterable, Iterator, Sequence
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from multiprocessing.connection import Connection, wait
@@ -26,8 +26,9 @@ from hybrid.interrupts import deaf_children
 
 Order = TypeVar("Order")
 Result = TypeVar("Result")
-# Plays an order; calls what it is given now and then, which raises KeyboardInterrupt when all ends.
-Play = Callable[[Order, Callable[[float], None]], Result]
+# Plays a handful of orders, one after the other; calls what it is given now and then, which raises
+# KeyboardInterrupt when all ends.
+Play = Callable[[Sequence[Order], Callable[[float], None]], Iterable[Result]]
 
 # To start a process, import Hybrid and load compiled kernels: 1 s to 3 s on the machines we know.
 START_S = 2.0
@@ -35,8 +36,8 @@ START_S = 2.0
 FORK_S = 0.05
 # A thread that is given Python's lock finds what it needs in the other core's memory.
 THREADING = 1.5
-# A process or copy is handed so much work at once: enough to hide the hand-over, and all of it is lost
-# when the crew is interrupted.
+# So much work is played at once: enough to hide the hand-over to a process or copy, and that what its
+# runs share is computed once; a process or copy loses all of it when the crew is interrupted.
 HANDFUL_S = 0.5
 # At least so many handfuls for each process, so that all end together.
 HANDFULS = 16
@@ -69,19 +70,26 @@ class Pace:
         return min(takes_s, key=lambda way: takes_s[way])
 
     def handful(self, count: int, jobs: int) -> int:
-        """How many runs to hand to a process at once."""
+        """How many of `count` runs to play at once, `jobs` such handfuls at a time."""
         most = HANDFUL_S / max(self.run_s, 1e-9)
-        return max(1, int(min(most, count / (HANDFULS * jobs))))
+        share = count / (HANDFULS * jobs) if jobs > 1 else count
+        return max(1, int(min(most, share)))
 
 
 def in_threads(
-    play: Play[Order, Result], orders: Sequence[Order], jobs: int, done: list[Result]
+    play: Play[Order, Result],
+    orders: Sequence[Order],
+    jobs: int,
+    at_once: int,
+    done: list[Result],
 ) -> Generator[None, None, None]:
-    """Play all orders, each result being appended to `done` at once; yields now and then.
+    """Play all orders, `at_once` of them at a time in each of `jobs` threads; yields now and then.
 
-    Raises what a run raises. When it is closed early, the runs under way end at their next look.
+    Each result is appended to `done` as soon as it is there. Raises what a run raises. When it is closed
+    early, the runs under way end at their next look.
     """
-    todo, stop, failures = iter(orders), threading.Event(), list[BaseException]()
+    todo = iter(range(0, len(orders), at_once))
+    stop, failures = threading.Event(), list[BaseException]()
 
     def look(_: float) -> None:
         if stop.is_set():
@@ -89,10 +97,11 @@ def in_threads(
 
     def work() -> None:
         try:
-            for order in todo:
-                done.append(play(order, look))
-                if stop.is_set():
-                    return
+            for first in todo:
+                for result in play(orders[first : first + at_once], look):
+                    done.append(result)
+                    if stop.is_set():
+                        return
         except KeyboardInterrupt:
             stop.set()
         except BaseException as failure:  # raised again where the crew was asked for
@@ -116,7 +125,7 @@ def in_threads(
 
 
 def in_forks(
-    play: Callable[[Order], Result],
+    play: Callable[[Sequence[Order]], Iterable[Result]],
     orders: Sequence[Order],
     jobs: int,
     at_once: int,
@@ -183,7 +192,7 @@ def _serve(
         while True:
             which = pipe.recv()
             try:
-                answer: Any = [play(order) for order in orders[which::count]]
+                answer: Any = list(play(orders[which::count]))
             except BaseException as failure:  # raised again where the crew was asked for
                 answer = failure
             pipe.send(answer)

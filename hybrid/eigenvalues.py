@@ -6,13 +6,17 @@ has a repeated eigenvalue 0; both need more care than LAPACK's answer as it come
 
 from __future__ import annotations
 
+import itertools
 import math
+from collections.abc import Callable, Sequence
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
 from hybrid.linearity import NotLinear
 from hybrid.machine import Floats
+from hybrid.together import in_stacks
 
 Complex = npt.NDArray[np.complex128]
 
@@ -25,103 +29,153 @@ BALANCING_STEP = 1.0 / 3.0
 # here on more than a second.
 LARGEST_MAP, LARGEST_POLISHED = 600, 150
 # Newton steps end when they move an eigenvalue by no more of itself, and its vector by the root of it.
-SETTLED = 1e-13
+NEWTON_STEPS, SETTLED = 3, 1e-13
 # A figure that grows by more over one stretch cannot be squared.
 LARGEST_GROWTH = 1e100
 
 
-def eigenvalues(matrix: Floats, shifted: bool = False) -> Complex:
-    """Eigenvalues, polished: LAPACK's are good to epsilon times the norm, which a lag of 1 us makes
-    large; Newton steps on the eigenvector equation are good to epsilon times each entry.
+def eigenvalues(matrices: Sequence[Floats], shifted: bool = False) -> list[Complex | NotLinear]:
+    """Eigenvalues of each square matrix, or why there are none.
 
-    `shifted`: they are z - 1 of a map; those of results that pass through (z near 0) are left out.
+    They are polished: LAPACK's are good to epsilon times the norm, which a lag of 1 us makes large;
+    Newton steps on the eigenvector equation are good to epsilon times each entry.
+
+    `shifted`: they are z - 1 of maps; those of results that pass through (z near 0) are left out.
     """
-    if not len(matrix):
-        return np.zeros(0, dtype=complex)
-    if len(matrix) > LARGEST_MAP:
-        raise NotLinear(
-            f"{len(matrix)} figures go round the loops, at most {LARGEST_MAP} are analysed"
-        )
-    if not np.max(np.abs(matrix)) < LARGEST_GROWTH:
-        raise NotLinear("the patch runs away within one cycle")
+    # What the Newton steps of all eigenvalues take.
+    return in_stacks(matrices, len, lambda m: len(m) ** 3, lambda some: _of_alike(some, shifted))
+
+
+def _of_alike(matrices: list[Floats], shifted: bool) -> list[Complex | NotLinear]:
+    """The same of matrices of one size."""
+    size = len(matrices[0])
+    if not size:
+        return [np.zeros(0, dtype=complex) for _ in matrices]
+    if size > LARGEST_MAP:
+        what = f"{size} figures go round the loops, at most {LARGEST_MAP} are analysed"
+        return [NotLinear(what) for _ in matrices]
+    stack = np.stack(matrices)
+    sound = np.abs(stack).max(axis=(1, 2)) < LARGEST_GROWTH
+    found = iter(_of_stack(stack[sound], shifted))
+    return [
+        next(found) if each else NotLinear("the patch runs away within one cycle")
+        for each in sound.tolist()
+    ]
+
+
+def _of_stack(matrices: Floats, shifted: bool) -> list[Complex | NotLinear]:
+    """The same of a stack (points, n, n) whose figures are sound."""
+    count, n, _ = matrices.shape
     # Figures of more than 300 decades may overflow below; what comes of them is refused or left out.
     with np.errstate(all="ignore"):
-        matrix = _balanced(matrix)
-        try:
-            values, vectors = np.linalg.eig(matrix)
-        except np.linalg.LinAlgError:
-            raise NotLinear("its eigenvalues cannot be found") from None
-        kept = values.imag >= 0
+        matrices = _balanced(matrices)
+        pairs = _solved(_eigenpairs, np.empty((count, n + 1, n), dtype=complex), matrices)
+        values, vectors = pairs[:, 0], pairs[:, 1:]
+        kept = values.imag >= 0  # which NaN is not
         if shifted:
-            kept &= ~_forgotten(1.0 + np.asarray(values, dtype=np.complex128), vectors, matrix)
-    values, vectors = values[kept].astype(complex), vectors[:, kept].T.astype(complex)
-    if len(matrix) <= LARGEST_POLISHED and len(values):
-        values = _polish(matrix, values, vectors)
+            kept &= ~_forgotten(1.0 + values, vectors, matrices)
+    owner, column = np.nonzero(kept)
+    polished = values[kept]
+    if n <= LARGEST_POLISHED:
+        polished = _polish(matrices[owner], polished, vectors[owner, :, column])
+    edges = itertools.pairwise([0, *np.cumsum(kept.sum(axis=1)).tolist()])
+    unknown: list[bool] = np.isnan(values.sum(axis=1)).tolist()
+    return [
+        NotLinear("its eigenvalues cannot be found") if lost else _with_conjugates(polished[a:b])
+        for lost, (a, b) in zip(unknown, edges, strict=True)
+    ]
+
+
+def _with_conjugates(values: Complex) -> Complex:
     return np.concatenate([values, values[values.imag > 0].conj()])
 
 
-def _balanced(matrix: Floats) -> Floats:
-    """The matrix with its figures in units that make rows and columns alike in size.
+def _solved(solve: Callable[..., Any], found: Complex, *stacks: Floats | Complex) -> Complex:
+    """What `solve` makes of stacks of matrices, in `found`; NaN for those that it cannot solve.
+
+    NumPy refuses the whole stack for one of them; then each is tried alone.
+    """
+    try:
+        found[:] = solve(*stacks)
+    except np.linalg.LinAlgError:
+        if len(found) == 1:
+            found[:] = np.nan
+        else:
+            for i in range(len(found)):
+                _solved(solve, found[i : i + 1], *(stack[i : i + 1] for stack in stacks))
+    return found
+
+
+def _eigenpairs(matrices: Floats) -> Complex:
+    """Of each matrix the eigenvalues, and below each its vector: (points, 1 + n, n)."""
+    values, vectors = np.linalg.eig(matrices)
+    return np.concatenate([values[:, None], vectors], axis=1)
+
+
+def _balanced(matrices: Floats) -> Floats:
+    """The matrices (points, n, n) with figures in units that make rows and columns alike in size.
 
     Words are in SI units, states in machine units; a condition is worth nothing before that. The
     units are powers of two, so nothing is rounded (Parlett and Reinsch, Numer. Math. 13, 1969).
     """
-    others, unit = np.abs(matrix), np.ones(len(matrix))
-    others.flat[:: len(matrix) + 1] = 0.0
+    others, unit = np.abs(matrices), np.ones(matrices.shape[:2])
+    diagonal = np.arange(matrices.shape[1])
+    others[:, diagonal, diagonal] = 0.0
+    going = np.ones((len(matrices), 1), dtype=bool)
     for _ in range(BALANCING_SWEEPS):
-        rows, columns = (others @ unit) / unit, ((1.0 / unit) @ others) * unit
+        rows = (others @ unit[:, :, None])[:, :, 0] / unit
+        columns = ((1.0 / unit)[:, None] @ others)[:, 0] * unit
         powers = np.rint(BALANCING_STEP * np.log2(rows / columns))
-        powers[~((rows > 0.0) & (columns > 0.0))] = 0.0
+        powers[~((rows > 0.0) & (columns > 0.0) & going)] = 0.0
         unit = np.ldexp(unit, powers.astype(int))
-        if (np.abs(powers) <= 1.0).all():  # a further factor of two mends nothing
+        # Where nothing takes more than a further factor of two, that mends nothing.
+        going = np.max(np.abs(powers), axis=1, keepdims=True) > 1.0
+        if not going.any():
             break
-    return matrix * unit / unit[:, None]
+    return matrices * unit[:, None] / unit[:, :, None]
 
 
-def _forgotten(z: Complex, vectors: Complex, matrix: Floats) -> npt.NDArray[np.bool_]:
-    """Which eigenvalues z of matrix + I, balanced, cannot be told from 0.
+def _forgotten(z: Complex, vectors: Complex, matrices: Floats) -> npt.NDArray[np.bool_]:
+    """Which eigenvalues z (points, n) of the balanced matrices + I cannot be told from 0.
 
     A queue of d results has d equal eigenvalues 0, which rounding spreads over a disc of radius
     epsilon^(1/d). They give themselves away by their condition: rounding moves an eigenvalue by
     epsilon |matrix| / |y x|, x and y its right and left vectors of unit length.
     """
-    size = np.abs(z)
-    try:
-        left = np.linalg.inv(vectors)
-    except np.linalg.LinAlgError:
-        return np.asarray(size <= FORGOTTEN)
-    condition = np.linalg.norm(left, axis=1) * np.linalg.norm(vectors, axis=0)
-    norm = np.linalg.norm(matrix + np.eye(len(matrix)))
-    rounding = 100.0 * np.finfo(float).eps * norm * condition
-    return np.asarray(size <= np.maximum(FORGOTTEN, rounding))
+    left = _solved(np.linalg.inv, np.empty_like(vectors), vectors)
+    condition = np.linalg.norm(left, axis=2) * np.linalg.norm(vectors, axis=1)
+    norm = np.linalg.norm(matrices + np.eye(matrices.shape[1]), axis=(1, 2))
+    rounding = 100.0 * np.finfo(float).eps * norm[:, None] * condition
+    # Where the vectors have no inverse, there is no condition to go by.
+    return np.asarray(np.abs(z) <= np.fmax(FORGOTTEN, rounding))
 
 
-def _polish(matrix: Floats, values: Complex, vectors: Complex) -> Complex:
-    """Newton steps on (matrix - value) vector = 0, all pairs at once; rows of `vectors`."""
+def _polish(matrices: Floats, values: Complex, vectors: Complex) -> Complex:
+    """Newton steps on (matrix - value) vector = 0 for each value (pairs,) of a matrix (pairs, n, n)
+    with its vector (pairs, n)."""
     count, n = vectors.shape
-    pairs, at = np.arange(count), np.argmax(np.abs(vectors), axis=1)
-    vectors = vectors / vectors[pairs, at][:, None]
-    first, diagonal = values, np.arange(n)
-    jacobian, right = (
-        np.zeros((count, n + 1, n + 1), dtype=complex),
-        np.zeros((count, n + 1, 1), complex),
-    )
-    jacobian[:, :n, :n] = matrix
-    jacobian[pairs, n, at] = 1.0
-    for _ in range(3):
-        right[:, :n, 0] = values[:, None] * vectors - vectors @ matrix.T
-        jacobian[:, diagonal, diagonal] = matrix.diagonal() - values[:, None]
-        jacobian[:, :n, n] = -vectors
-        try:
-            step = np.linalg.solve(jacobian, right)[:, :, 0]
-        except np.linalg.LinAlgError:
-            return first
-        # A step that is not small means a multiple eigenvalue: keep LAPACK's answer there.
-        good = np.all(np.isfinite(step), axis=1) & (np.abs(step[:, n]) <= 1e-3 * np.abs(values))
-        vectors = np.where(good[:, None], vectors + step[:, :n], vectors)
-        moved = np.abs(step[:, n]) > SETTLED * np.abs(values)
-        moved |= np.abs(step[:, :n]).max(axis=1) > math.sqrt(SETTLED)
-        values = np.where(good, values + step[:, n], values)
-        if not (moved & good).any():  # what the step has left is as small as its square
+    diagonal, at = np.arange(n), np.argmax(np.abs(vectors), axis=1)
+    vectors = vectors / vectors[np.arange(count), at][:, None]
+    values, going = values.copy(), np.arange(count)
+    for _ in range(NEWTON_STEPS):
+        if not len(going):
             break
+        matrix, value, vector = matrices[going], values[going], vectors[going]
+        jacobian = np.zeros((len(going), n + 1, n + 1), dtype=complex)
+        jacobian[:, :n, :n] = matrix
+        jacobian[:, diagonal, diagonal] -= value[:, None]
+        jacobian[:, :n, n] = -vector
+        jacobian[np.arange(len(going)), n, at[going]] = 1.0
+        right = np.zeros((len(going), n + 1, 1), dtype=complex)
+        right[:, :n, 0] = value[:, None] * vector - (matrix @ vector[:, :, None])[:, :, 0]
+        step = _solved(np.linalg.solve, np.empty_like(right), jacobian, right)[:, :, 0]
+        # A step that is not small means a multiple eigenvalue: keep LAPACK's answer there.
+        size = np.abs(value)
+        good = np.all(np.isfinite(step), axis=1) & (np.abs(step[:, n]) <= 1e-3 * size)
+        vectors[going[good]] += step[good, :n]
+        values[going[good]] += step[good, n]
+        # What a small step has left is as small as its square.
+        moved = np.abs(step[:, n]) > SETTLED * size
+        moved |= np.abs(step[:, :n]).max(axis=1) > math.sqrt(SETTLED)
+        going = going[good & moved]
     return values

@@ -5,7 +5,6 @@ Stage 4.
 
 from __future__ import annotations
 
-import functools
 import operator
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -16,6 +15,7 @@ import numpy.typing as npt
 from hybrid.errors import NOWHERE, Place, RunError, known_as
 from hybrid.expressions import FUNCTIONS, OPERATORS
 from hybrid.machine import Floats
+from hybrid.memo import KeptBySize
 from hybrid.tape import BINARY_OPS, FIRST_WIDE, FUNCTION_OPS, Memory, Op, Tape
 
 
@@ -37,6 +37,8 @@ ARGUMENTS = dict.fromkeys(BINARY_OPS.values(), 2) | {Op.NOT: 1}
 ARGUMENTS |= {op: FUNCTIONS[name].fewest for name, op in FUNCTION_OPS.items()}
 # A delay of more cycles would make matrices that take minutes.
 MOST_REMEMBERED = 1000
+# Numbers of the programs that are kept (8 MB).
+MOST_KEPT = 10**6
 SUMS = (Op.ADD, Op.SUB, Op.MUL)  # which have no finite value only where numbers end
 CHANGE = "change the parameters or constants that make it so"
 
@@ -79,10 +81,18 @@ class LinearProgram:
         return solved, self.rates[:, free] + self.rates[:, first + delayed] @ solved[taken]
 
 
-# A prediction asks for it twice: for the map, and to tell which closed form applies.
-@functools.lru_cache(maxsize=8)
 def linear_program(tape: Tape, adcs: int) -> LinearProgram:
     """Play the tape on linear forms instead of numbers; raises NotLinear naming the word."""
+    return _kept.of([(tape, adcs)], lambda _: [_played(tape, adcs)])[0]
+
+
+# A prediction asks for it twice: for the map, and to tell which closed form applies.
+_kept: KeptBySize[tuple[Tape, int], LinearProgram] = KeptBySize(
+    MOST_KEPT, lambda program: program.rows.size + program.keep.size
+)
+
+
+def _played(tape: Tape, adcs: int) -> LinearProgram:
     lengths = tape.memory[:, Memory.LENGTH].astype(np.int64)
     remembered = int(np.sum(lengths + 1))
     if remembered > MOST_REMEMBERED:

@@ -7,9 +7,10 @@ from __future__ import annotations
 
 import threading
 from collections import OrderedDict
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Hashable, Mapping, Sequence
 from typing import Any, Generic, TypeVar
 
+Key = TypeVar("Key", bound=Hashable)
 Result = TypeVar("Result")
 
 # Kept of each function; the oldest goes first.
@@ -54,3 +55,42 @@ class KeptByUse(Generic[Result]):
             if len(self.kept) > MOST_KEPT:
                 self.kept.popitem(last=False)
         return result
+
+
+class KeptBySize(Generic[Key, Result]):
+    """Results by what they were built for, as long as they are not too large together.
+
+    most: of what `size` counts, in all. The oldest go first; the last two stay, however large, since a
+    prediction and a run of one machine ask for the same. Nobody may change a result.
+    """
+
+    def __init__(self, most: int, size: Callable[[Result], int]) -> None:
+        self.most, self.size = most, size
+        self.lock = threading.Lock()
+        self.kept: OrderedDict[Key, Result] = OrderedDict()
+        self.total = 0
+
+    def of(
+        self, keys: Sequence[Key], build: Callable[[list[Key]], Sequence[Result]]
+    ) -> list[Result]:
+        """The result for each key; `build` is asked once for all that are not kept."""
+        found: dict[Key, Result] = {}
+        for key in keys:
+            result = self.kept.get(key)
+            if result is not None:
+                found[key] = result
+        missing = [key for key in dict.fromkeys(keys) if key not in found]
+        if missing:
+            built = dict(zip(missing, build(missing), strict=True))
+            found |= built
+            self._keep(built)
+        return [found[key] for key in keys]
+
+    def _keep(self, built: Mapping[Key, Result]) -> None:
+        with self.lock:
+            for key, result in built.items():
+                if key not in self.kept:  # another thread may have been as quick
+                    self.kept[key] = result
+                    self.total += self.size(result)
+            while self.total > self.most and len(self.kept) > 2:
+                self.total -= self.size(self.kept.popitem(last=False)[1])

@@ -12,7 +12,7 @@ import math
 import os
 import pickle
 import time
-from collections.abc import Callable, Collection, Generator, Iterable, Sequence
+from collections.abc import Callable, Collection, Generator, Iterable, Iterator, Sequence
 from contextlib import closing
 from dataclasses import dataclass
 from typing import Any
@@ -38,9 +38,10 @@ from hybrid.errors import HybridError, RunError
 from hybrid.expressions import names, to_text
 from hybrid.machine import Machine
 from hybrid.patch import Patch, Readout
-from hybrid.prediction import predict_machine
+from hybrid.prediction import Prediction, predict_each
 from hybrid.record import patch_hash, signal_units, versions_text
 from hybrid.runs import run
+from hybrid.together import attempt, passed_on
 
 MOST_POINTS = 1_000_000
 # Runs that are played before the others, to see how long they take: the first one loads the engine.
@@ -98,36 +99,57 @@ class Task:
     machine: str | None
     predicts: bool
 
-    def point(self, order: Order, progress: Callable[[float], None] | None = None) -> Point:
-        """Run, read out and predict; `progress` may raise KeyboardInterrupt."""
-        return self.played(order, progress)[0]
+    def points(
+        self, orders: Sequence[Order], progress: Callable[[float], None] | None = None
+    ) -> Iterator[Point]:
+        """Predict all at once, then run and read out one after the other, each point as if it were
+        alone; `progress` may raise KeyboardInterrupt."""
+        for point, _ in self.played(orders, progress):
+            yield point
 
     def played(
-        self, order: Order, progress: Callable[[float], None] | None = None
-    ) -> tuple[Point, float]:
-        """The same, and for how many seconds the engine played."""
-        try:
-            compiled = compile_patch(self.patch, order.parameters, self.machine, order.serial)
-            modes, note = self._modes(compiled)
-            result = run(compiled, seed=order.seed, readouts_only=True, progress=progress)
-            if result.status == "interrupted":  # half a run says nothing; all ends here
-                raise KeyboardInterrupt
-        except HybridError as error:
-            return Point(order.index, {}, (), "failed", str(error), 0, order.seed), 0.0
-        notes = "; ".join(n for n in (note, result.status_note) if n)
-        overloads = len(result.overloads)
-        point = Point(
-            order.index, result.readouts, modes, result.status, notes, overloads, order.seed
-        )
-        return point, result.played_s
+        self, orders: Sequence[Order], progress: Callable[[float], None] | None = None
+    ) -> Iterator[tuple[Point, float]]:
+        """The same, and for how many seconds the engine played each."""
+        machines = [attempt(self._compiled, order) for order in orders]
+        predictions = passed_on(machines, self._predicted)
+        for order, machine, prediction in zip(orders, machines, predictions, strict=True):
+            yield _played(order, machine, prediction, progress)
 
-    def _modes(self, compiled: Machine) -> tuple[tuple[dict[str, Any], ...], str]:
-        if not self.predicts:
-            return (), ""
-        try:
-            return tuple(predict_machine(compiled).to_dicts()), ""
-        except RunError as error:
-            return (), f"no prediction: {error}"
+    def _compiled(self, order: Order) -> Machine:
+        return compile_patch(self.patch, order.parameters, self.machine, order.serial)
+
+    def _predicted(self, machines: list[Machine]) -> Sequence[Prediction | HybridError | None]:
+        return predict_each(machines) if self.predicts else [None] * len(machines)
+
+
+def _played(
+    order: Order,
+    machine: Machine | HybridError,
+    prediction: Prediction | HybridError | None,
+    progress: Callable[[float], None] | None,
+) -> tuple[Point, float]:
+    """Run and read out one machine, if it is one; the point, and for how long the engine played."""
+    modes: tuple[dict[str, Any], ...] = ()
+    note = ""
+    try:
+        if isinstance(machine, HybridError):
+            raise machine
+        if isinstance(prediction, RunError):
+            note = f"no prediction: {prediction}"
+        elif isinstance(prediction, HybridError):
+            raise prediction
+        elif prediction:
+            modes = tuple(prediction.to_dicts())
+        result = run(machine, seed=order.seed, readouts_only=True, progress=progress)
+    except HybridError as error:
+        return Point(order.index, {}, (), "failed", str(error), 0, order.seed), 0.0
+    if result.status == "interrupted":  # half a run says nothing; all ends here
+        raise KeyboardInterrupt
+    notes = "; ".join(n for n in (note, result.status_note) if n)
+    overloads = len(result.overloads)
+    point = Point(order.index, result.readouts, modes, result.status, notes, overloads, order.seed)
+    return point, result.played_s
 
 
 def check_names(patch: Patch, names: Iterable[str], taken: Collection[str], doing: str) -> None:
@@ -179,39 +201,36 @@ def _playing(
 ) -> Generator[None, None, None]:
     """Play all orders the quickest way, the points being added to the list; yields now and then."""
     most = jobs or os.cpu_count() or 1
-    timed = (
-        0 if has_cluster() and jobs != 1 else min(PACED if most > 1 else len(orders), len(orders))
-    )
+    timed = 0 if has_cluster() and jobs != 1 else min(PACED, len(orders))
     pace = Pace(HANDFUL_S / POINTS_AT_ONCE, math.inf)  # where none is timed
     # Those in the middle: at either end of a sweep a run may be far longer than most.
     start = (len(orders) - timed) // 2
     for order in orders[start : start + timed]:
         began_s = time.perf_counter()
-        point, played_s = task.played(order)
+        ((point, played_s),) = task.played([order])
         points.append(point)
         run_s = time.perf_counter() - began_s
         pace = Pace(run_s, run_s - played_s)
         yield
     rest = [*orders[:start], *orders[start + timed :]]
     way = pace.way(len(rest), most, can_fork()) if timed else PROCESSES
+    at_once = pace.handful(len(rest), 1 if way == HERE else most)
     if way == HERE:
-        for order in rest:
-            points.append(task.point(order))
-            yield
-        return
-    at_once = pace.handful(len(rest), most)
-    if way == THREADS:
-        yield from in_threads(task.point, rest, most, points)
+        for at in range(0, len(rest), at_once):
+            for point in task.points(rest[at : at + at_once]):
+                points.append(point)
+                yield
+    elif way == THREADS:
+        yield from in_threads(task.points, rest, most, at_once, points)
     elif way == FORKS:
-        yield from in_forks(task.point, rest, most, at_once, points)
+        yield from in_forks(task.points, rest, most, at_once, points)
     elif rest:
         yield from in_processes(_points_of, pickle.dumps(task), rest, jobs, at_once, points)
 
 
 def _points_of(packed: bytes, orders: Sequence[Order]) -> list[Point]:
     """The runs of a pickled task, one after the other."""
-    task = _unpacked(packed)
-    return [task.point(order) for order in orders]
+    return list(_unpacked(packed).points(orders))
 
 
 # What a worker has learnt of a patch holds for its next handful.

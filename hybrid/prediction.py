@@ -8,8 +8,8 @@ from __future__ import annotations
 
 import functools
 import math
-from collections.abc import Callable
-from dataclasses import asdict, dataclass
+from collections.abc import Callable, Sequence
+from dataclasses import asdict, dataclass, replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -26,6 +26,7 @@ from hybrid.machine import Analog, Machine
 from hybrid.patch import Patch
 from hybrid.scale import to_seconds
 from hybrid.theory import ClosedForm
+from hybrid.together import only
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -119,13 +120,24 @@ def damping_error_of(value: float) -> float:
 
 def predict_machine(machine: Machine, max_damping_error: float | None = None) -> Prediction:
     """The same for a compiled machine."""
-    found = coupling.modes(machine)
-    case = closed_form_case(machine)
-    forms = _closed_forms(found, case)
-    longest = None
-    if max_damping_error is not None:
-        longest = largest_cycle_s(machine, max_damping_error)
-    return Prediction(machine, found, forms, longest, max_damping_error)
+    found = only(predict_each([machine]))
+    if max_damping_error is None:
+        return found
+    longest = largest_cycle_s(machine, max_damping_error)
+    return replace(found, max_cycle_s=longest, max_damping_error=max_damping_error)
+
+
+def predict_each(machines: Sequence[Machine]) -> list[Prediction | HybridError]:
+    """The prediction for each of several machines, or why there is none.
+
+    Those of a sweep, which are alike, take little longer than one, and each is what it is alone.
+    """
+    return [
+        found
+        if isinstance(found, HybridError)
+        else Prediction(machine, found, _closed_forms(found, closed_form_case(machine)))
+        for machine, found in zip(machines, coupling.modes_of_each(machines), strict=True)
+    ]
 
 
 # -- which closed form applies ----------------------------------------------------------------------

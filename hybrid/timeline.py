@@ -9,16 +9,16 @@ from __future__ import annotations
 
 import bisect
 import collections
-import functools
 import itertools
 import math
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from typing import NoReturn
 
 from hybrid.clockwork import Cycles, Event, Happening, cycle_events, in_order
 from hybrid.errors import PatchError
 from hybrid.machine import Machine, StepEvent, Timing
+from hybrid.memo import KeptBySize
 from hybrid.modes import TIMED_MODE
 from hybrid.processor import Note
 from hybrid.rota import Rota, TaskReport, overrun_text, reports, rota_until, settled
@@ -27,6 +27,8 @@ from hybrid.stretches import Stretches, never_repeats
 
 # Periods without a usable common multiple are laid out event by event, up to this many events.
 MOST_FLAT_EVENTS = 300_000
+# Events of the timelines that are kept (25 MB).
+MOST_KEPT_EVENTS = 200_000
 # Different intervals between events, and the numbers in all their propagators (1 GB).
 MOST_INTERVALS = 20_000
 MOST_PROPAGATED = 10**8
@@ -103,7 +105,7 @@ def build_timeline(machine: Machine, seed: int = 0) -> Timeline:
         until, timing = machine.timing.until, machine.timing
         cycles, rows = until // timing.period if timing.period else 0, until // timing.every + 1
         return Timeline((), until, cycles, rows, later=Stretches(machine, seed))
-    return _laid_out(_clocks(machine))
+    return _kept.of([_clocks(machine)], lambda _: [_laid_out(machine)])[0]
 
 
 @dataclass(frozen=True, slots=True)
@@ -115,19 +117,22 @@ class _Clocks:
     samplers: tuple[tuple[int, int, int], ...]  # delay and conversion in ticks, task
     holders: tuple[int, ...]  # task
     most_intervals: int
-    machine: Machine = field(compare=False)
 
 
 def _clocks(machine: Machine) -> _Clocks:
     samplers = tuple((s.delay_ticks, s.conversion_ticks, s.task) for s in machine.samplers)
     holders, most = tuple(h.task for h in machine.holders), most_intervals(machine)
-    return _Clocks(machine.timing, machine.steps, samplers, holders, most, machine)
+    return _Clocks(machine.timing, machine.steps, samplers, holders, most)
 
 
-# The runs of a batch mostly share their clocks; few are kept, as a timeline may hold many events.
-@functools.lru_cache(maxsize=2)
-def _laid_out(clocks: _Clocks) -> Timeline:
-    machine, stopped = _until_stopped(clocks.machine)
+# The runs of a batch mostly share their clocks, and a prediction and a run of one machine often do.
+_kept: KeptBySize[_Clocks, Timeline] = KeptBySize(
+    MOST_KEPT_EVENTS, lambda timeline: sum(len(s.events) for s in timeline.segments)
+)
+
+
+def _laid_out(machine: Machine) -> Timeline:
+    machine, stopped = _until_stopped(machine)
     timing, edges = machine.timing, edges_of(machine.steps)
     cycles = timing.until // timing.period if timing.period else 0
     rows = timing.until // timing.every + 1

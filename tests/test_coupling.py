@@ -8,11 +8,13 @@ from loops import I_YY, pitch_matrix, two_loops
 
 from hybrid import theory
 from hybrid.checks import check
-from hybrid.coupling import cycle_map, exact_modes, ideal_modes, modes
+from hybrid.coupling import exact_modes, ideal_modes, modes
+from hybrid.cycle_map import cycle_maps
 from hybrid.errors import RunError
 from hybrid.linearity import NotLinear, linear_program
 from hybrid.patchfile import parse_patch
 from hybrid.prediction import STEP, closed_form_case, largest_cycle_s, predict
+from hybrid.together import only
 
 EPS = np.finfo(float).eps
 OMEGA_P = 10.0
@@ -288,7 +290,7 @@ def test_map_follows_the_cycle_whatever_is_recorded(shipped, compiled):
     one = compiled(shipped("pitch_loop"))
     other = compiled(shipped("pitch_loop", ("until: 10 s", "until: 1 s, every: 0.35 ms")))
     assert np.array_equal(exact_modes(one), exact_modes(other))
-    assert cycle_map(one)[1] == 10**12
+    assert only(cycle_maps([one]))[1] == 10**12
 
 
 def test_quantisation_noise_and_sources_move_no_mode(shipped, compiled):
@@ -401,7 +403,7 @@ def test_results_passing_through_are_no_modes(shipped, compiled):
 def test_the_map_holds_what_lasts_and_nothing_else(cycles, shipped, compiled):
     # theta, theta_dot and the results on their way; samples and words are overwritten unread.
     machine = compiled(shipped("pitch_loop"), {"compute_time": cycles * 1e-3})
-    change, _ = cycle_map(machine)
+    change, _ = only(cycle_maps([machine]))
     assert change.shape == (2 + cycles, 2 + cycles)
     assert len(exact_modes(machine)) == 2 + cycles
 

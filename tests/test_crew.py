@@ -9,7 +9,7 @@ import sys
 import threading
 import time
 import warnings
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import suppress
 
 import pytest
@@ -121,41 +121,44 @@ def test_an_interrupt_keeps_what_is_done(way: str) -> None:
     assert all(p.status == "complete" for p in found.points)
 
 
-def test_threads_end_at_their_next_look() -> None:
+@pytest.mark.parametrize("at_once", [1, 2])
+def test_threads_end_at_their_next_look(at_once: int) -> None:
     done: list[int] = []
     looks = threading.Event()
 
-    def play(order: int, look: Look) -> int:
-        while order == 3:  # a run without end
-            looks.set()
-            time.sleep(1e-3)
-            look(0.0)
-        return order
+    def play(handful: Sequence[int], look: Look) -> Iterator[int]:
+        for order in handful:
+            while order == 3:  # a run without end
+                looks.set()
+                time.sleep(1e-3)
+                look(0.0)
+            yield order
 
-    playing = in_threads(play, range(10**9), 2, done)
+    playing = in_threads(play, range(10**9), 2, at_once, done)
     for _ in playing:
         if looks.is_set() and len(done) > 10:
             break
     playing.close()
     assert 3 not in done
+    assert (2 in done) or at_once == 1  # the rest of a handful is kept
     assert threading.active_count() < 20
 
 
 def test_what_goes_wrong_is_raised() -> None:
-    def play(order: int, look: Look | None = None) -> int:
-        return 1 // (order - 5)
+    def play(handful: Sequence[int], look: Look | None = None) -> list[int]:
+        return [1 // (order - 5) for order in handful]
 
     with pytest.raises(ZeroDivisionError):
-        list(in_threads(play, range(100), 2, []))
+        list(in_threads(play, range(100), 2, 3, []))
     with pytest.raises(ZeroDivisionError):
         list(in_forks(play, range(100), 2, 3, []))
 
 
 def test_a_copy_that_is_ended_from_outside_is_told() -> None:
-    def play(order: int) -> int:
-        if order == 5:
+    def play(handful: Sequence[int]) -> Sequence[int]:
+        if 5 in handful:
             os.kill(os.getpid(), signal.SIGKILL)
-        return order
+        return handful
 
     with pytest.raises(RunError, match="ended by the system"):
         list(in_forks(play, range(100), 2, 3, []))
@@ -165,9 +168,9 @@ LONG_CREW = """
 import sys, time
 from hybrid.crew import in_forks
 
-def play(order):
+def play(handful):
     time.sleep(0.05)
-    return order
+    return handful
 
 done = []
 for _ in in_forks(play, range(10**6), 2, 1, done):
@@ -208,7 +211,7 @@ def _slowly(shared: bytes, orders: Sequence[int]) -> list[int]:
 
 def test_copies_play_every_order_once() -> None:
     done: list[int] = []
-    list(in_forks(lambda order: order**2, range(101), 3, 7, done))
+    list(in_forks(lambda handful: [order**2 for order in handful], range(101), 3, 7, done))
     assert sorted(done) == [k**2 for k in range(101)]
 
 

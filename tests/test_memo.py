@@ -6,7 +6,7 @@ import pytest
 import hybrid
 from hybrid import circuits
 from hybrid.compiler import compile_patch
-from hybrid.memo import MOST_KEPT, KeptByUse
+from hybrid.memo import MOST_KEPT, KeptBySize, KeptByUse
 
 
 def test_a_result_is_kept_while_what_it_was_made_of_stays():
@@ -68,3 +68,26 @@ def test_elements_kept_from_other_runs_are_those_made_anew(name):
         assert repr(kept.elements) == repr(anew.elements)
         assert kept.analog.u0.tobytes() == anew.analog.u0.tobytes()
         assert kept.analog.full_scale.tobytes() == anew.analog.full_scale.tobytes()
+
+
+def test_what_is_kept_by_size_is_no_larger():
+    asked = []
+
+    def squares(keys):
+        asked.append(keys)
+        return [[key] * key for key in keys]
+
+    kept = KeptBySize(10, len)
+    assert kept.of([2, 3, 2, 4], squares) == [[2] * 2, [3] * 3, [2] * 2, [4] * 4]
+    assert asked == [[2, 3, 4]]
+    assert kept.of([4, 5, 3], squares) == [[4] * 4, [5] * 5, [3] * 3]
+    assert asked[1:] == [[5]]  # 2 + 3 + 4 + 5 are too many, and 3 + 4 + 5, too: two stay
+    assert list(kept.kept) == [4, 5]
+    assert kept.total == 9
+    kept.of([60, 70], squares)
+    assert list(kept.kept) == [60, 70]  # however large, for a prediction and a run of the same
+    kept.of([1], squares)
+    assert kept.total == 71
+    with pytest.raises(ZeroDivisionError):
+        kept.of([8], lambda _: [1 // 0])
+    assert list(kept.kept) == [70, 1]

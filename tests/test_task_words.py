@@ -6,12 +6,13 @@ import numpy as np
 import pytest
 
 from hybrid.compiler import compile_patch
-from hybrid.coupling import cycle_map
+from hybrid.cycle_map import cycle_maps
 from hybrid.errors import PatchError
 from hybrid.patchfile import parse_patch, read_patch
 from hybrid.prediction import predict
 from hybrid.runs import run
 from hybrid.tasks import program_operations
+from hybrid.together import only
 
 TASKS = """\
 title: Two tasks
@@ -166,7 +167,7 @@ def test_states_of_two_tasks_that_read_each_other():
     for row in rows:
         assert row == pytest.approx(v[0], abs=1e-12)
         v = step @ v
-    change, ticks = cycle_map(compile_patch(patch))
+    change, ticks = only(cycle_maps([compile_patch(patch)]))
     assert ticks == 40 * 10**12
     found = np.linalg.eigvals(change + np.eye(len(change)))
     for z in np.linalg.eigvals(step):

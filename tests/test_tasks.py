@@ -12,12 +12,13 @@ from hypothesis import strategies as st
 
 import hybrid
 from hybrid.clockwork import Happening
-from hybrid.coupling import cycle_map
+from hybrid.cycle_map import cycle_maps
 from hybrid.errors import PatchError, RunError
 from hybrid.machine import Holder, Sampler, TaskTiming, Timing
 from hybrid.patchfile import parse_patch
 from hybrid.scale import TICKS_PER_SECOND
 from hybrid.timeline import build_timeline
+from hybrid.together import only
 
 MS = TICKS_PER_SECOND // 1000
 START, END = Happening.START, Happening.END
@@ -519,7 +520,7 @@ def hand_map(t):
 
 def test_the_map_of_two_rates_is_the_product_of_its_steps(compiled):
     machine = compiled(LOOP.replace("PHASE", "0 s"))
-    change, ticks = cycle_map(machine)
+    change, ticks = only(cycle_maps([machine]))
     assert ticks == 20 * MS
     # In fast the trim is read at its start, and latched when it ends; here trim ends after the latch.
     expected = np.linalg.eigvals(hand_map(0.01))
@@ -545,7 +546,7 @@ def test_tasks_that_leave_cycles_out_come_back_later(compiled):
     # fast has 0.2 of every t, so slow ends 2.1 t after it began, with its next tick left out: only
     # every second one begins a cycle.
     text = LOOP.replace("PHASE", "0 s").replace("0.7*t", "1.7*t")
-    assert cycle_map(compiled(text))[1] == 40 * MS
+    assert only(cycle_maps([compiled(text)]))[1] == 40 * MS
 
 
 def test_no_single_cycle_time_to_find():

@@ -28,7 +28,7 @@ from hybrid.engine.arrays import (
     Structs,
 )
 from hybrid.engine.lookup import new_places, pack
-from hybrid.engine.propagator import Propagator, propagator
+from hybrid.engine.propagator import propagators
 from hybrid.machine import Floats, Holder, Machine, Pen, Sampler, StepEvent
 from hybrid.scale import to_seconds
 from hybrid.tables import Axis, Table
@@ -104,7 +104,7 @@ def plant_of(machine: Machine, intervals: list[int]) -> Plant:
     """The analog side of a linear machine, ready to be advanced over these intervals (ticks)."""
     analog, sums = machine.analog, sums_of(machine)
     n, m, k = len(analog.states), len(analog.inputs), len(sums)
-    all_of: list[Propagator] = [propagator(analog, to_seconds(t)) for t in intervals]
+    all_of = propagators([(analog, to_seconds(t)) for t in intervals])
     rank = max((p.spread.shape[1] for p in all_of), default=0)
     first = _padding(k + n)
     rows = np.zeros((len(all_of), first + k + n, n + m + rank))

@@ -12,17 +12,24 @@ Stage 4. Two choices matter for lags of 1 us inside cycles of 1 ms to 10 ms:
 
 from __future__ import annotations
 
-import functools
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
+import numpy.typing as npt
 
 from hybrid.machine import Analog, Floats
+from hybrid.memo import KeptBySize
+from hybrid.together import in_stacks
 
 # With |M h / 2^s| <= 1/2 the remainder of this many Taylor terms is below 2^-53 relative.
 TAYLOR_TERMS = 18
 SMALL_NORM = 0.5
+# Numbers of the propagators that are kept (32 MB).
+MOST_KEPT = 4 * 10**6
+
+Stretch = tuple[Analog, float]  # interval in s
 
 
 @dataclass(frozen=True, eq=False)
@@ -33,33 +40,63 @@ class Propagator:
     spread: Floats  # (n, r)
 
 
-# A prediction and a run of one machine share their interval; large machines must not pile up.
-@functools.lru_cache(maxsize=8)
 def propagator(analog: Analog, interval_s: float) -> Propagator:
     """Exact propagator of the analog side over `interval_s` seconds with its inputs held."""
-    n, m = analog.b.shape
-    block = np.zeros((n + m, n + m))
-    block[:n, :n] = analog.a
-    block[:n, n:] = analog.b
+    return propagators([(analog, interval_s)])[0]
+
+
+def propagators(stretches: Sequence[Stretch]) -> list[Propagator]:
+    """The exact propagator of each analog side over its interval, many of them at once."""
+    return _kept.of(stretches, _propagators)
+
+
+# A prediction and a run of one machine share their interval.
+_kept: KeptBySize[Stretch, Propagator] = KeptBySize(
+    MOST_KEPT, lambda p: p.change.size + p.spread.size
+)
+
+
+def _propagators(stretches: Sequence[Stretch]) -> list[Propagator]:
+    return in_stacks(stretches, lambda s: s[0].b.shape, lambda s: sum(s[0].b.shape) ** 2, _stacked)
+
+
+def _stacked(stretches: Sequence[Stretch]) -> list[Propagator]:
+    """Propagators of analog sides of one shape."""
+    n, m = stretches[0][0].b.shape
+    blocks = np.zeros((len(stretches), n + m, n + m))
     # Where the patch runs away within the interval the figures overflow; the kernel stops on them.
     with np.errstate(over="ignore", invalid="ignore"):
-        change = exponential_minus_one(block * interval_s)[:n]
-        covariance = noise_covariance(analog.a, analog.noise @ analog.noise.T, interval_s)
-    return Propagator(change, square_root(covariance))
+        for block, (analog, interval_s) in zip(blocks, stretches, strict=True):
+            np.multiply(analog.a, interval_s, out=block[:n, :n])
+            np.multiply(analog.b, interval_s, out=block[:n, n:])
+        changes = exponential_minus_one(blocks)[:, :n]
+        return [
+            Propagator(change.copy(), _spread(analog, interval_s))
+            for change, (analog, interval_s) in zip(changes, stretches, strict=True)
+        ]
 
 
-def exponential_minus_one(matrix: Floats) -> Floats:
-    """exp(matrix) - I for a square matrix, by scaling, Taylor series and shifted squaring."""
-    squarings = _squarings(matrix)
-    small = matrix / 2.0**squarings
+def _spread(analog: Analog, interval_s: float) -> Floats:
+    if not analog.noise.any():
+        return np.zeros((len(analog.a), 0))
+    intensity = analog.noise @ analog.noise.T
+    return square_root(noise_covariance(analog.a, intensity, interval_s))
+
+
+def exponential_minus_one(matrices: Floats) -> Floats:
+    """exp(matrix) - I of square matrices (..., n, n), by scaling, Taylor series and shifted squaring."""
+    squarings = _squarings(matrices)
+    small = np.ldexp(matrices, -squarings[..., None, None])
     term, result = small, small.copy()
     for k in range(2, TAYLOR_TERMS + 1):
         term = term @ small / k
         if k % 4 == 0 and not term.any():  # integrators alone: the series ends
             break
         result += term
-    for _ in range(squarings):
-        result = 2.0 * result + result @ result
+    for done in range(int(squarings.max(initial=0))):
+        these = squarings > done
+        part = result[these]
+        result[these] = 2.0 * part + part @ part
     return result
 
 
@@ -67,7 +104,7 @@ def noise_covariance(a: Floats, intensity: Floats, interval_s: float) -> Floats:
     """Integral of exp(A s) intensity exp(A s)^T over 0 <= s <= interval_s; shape of `a`."""
     if not np.any(intensity):
         return np.zeros_like(a)
-    squarings = _squarings(a * interval_s)
+    squarings = int(_squarings(a * interval_s))
     step = interval_s / 2.0**squarings
     term = intensity * step
     covariance = term.copy()
@@ -100,6 +137,9 @@ def square_root(covariance: Floats) -> Floats:
     return root
 
 
-def _squarings(matrix: Floats) -> int:
-    norm = float(np.max(np.sum(np.abs(matrix), axis=1), initial=0.0))
-    return max(0, math.ceil(math.log2(norm / SMALL_NORM))) if norm > SMALL_NORM else 0
+def _squarings(matrices: Floats) -> npt.NDArray[np.int64]:
+    """How often to halve each of the matrices (..., n, n) until its norm is small."""
+    norms = np.max(np.sum(np.abs(matrices), axis=-1), axis=-1, initial=0.0)
+    small = norms <= SMALL_NORM
+    halvings = np.ceil(np.log2(np.where(small, 1.0, norms / SMALL_NORM)))
+    return np.asarray(halvings, dtype=np.int64)
