@@ -18,7 +18,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, replace
-from functools import lru_cache
+from functools import cached_property, lru_cache
 
 import numpy as np
 from numpy.typing import NDArray
@@ -137,7 +137,7 @@ def _block_groups(rows: int) -> list[tuple[int, int, int]]:
 def _vectors(longest: int, waves_from: int, omega: float) -> _Vectors:
     """Vectors for blocks of up to `longest` rows; of `waves_from` rows and more keep up to three."""
     phase = omega * (np.arange(longest) - 0.5 * (longest - 1))
-    cosine, sine = np.cos(phase), np.sin(phase)
+    longest_wave = np.array([np.cos(phase), np.sin(phase)])
     powers = range(longest.bit_length())
     column = np.cumsum([0, *(min(2**k, 3) if 2**k >= waves_from else 1 for k in powers)])
     matrix = np.zeros((longest, column[-1]))
@@ -145,11 +145,11 @@ def _vectors(longest: int, waves_from: int, omega: float) -> _Vectors:
         size, own = 2**k, matrix[: 2**k, column[k] : column[k + 1]]
         own[:, 0] = size**-0.5
         if own.shape == (2, 2):
-            own[:] = np.eye(2)
+            own[:] = [[1.0, 0.0], [0.0, 1.0]]
         elif own.shape[1] == 3:
             # Cut from the middle of a longer wave; the cosine is even, so free of the sine.
-            middle = slice((longest - size) // 2, (longest + size) // 2)
-            wave = np.stack([cosine[middle] - np.mean(cosine[middle]), sine[middle]])
+            wave = longest_wave[:, (longest - size) // 2 : (longest + size) // 2].copy()
+            wave[0] -= wave[0].sum() / size
             own[:, 1:] = (wave / _norms(wave)[:, None]).T
     tau = np.arange(float(longest))
     # Rows of the transpose, as numpy adds along contiguous rows in pairs, and so to the last digit.
@@ -307,9 +307,10 @@ class Fit:
         be that of the many small ones.
         """
         deviation = EPS * (np.abs(record.data) + abs(float(self.weights[-1])) * record.ones)
-        moved = self.covariance() @ (self.tangents * deviation)
+        moved = self.covariance @ (self.tangents * deviation)
         return np.asarray(moved @ moved.T)
 
+    @cached_property
     def covariance(self) -> Array:
         """Covariance (poles, poles) of the poles for rows of unit variance."""
         axes = self.axes / self.norms[:, None]

@@ -226,8 +226,9 @@ class Mode:
             power = float(x @ x)
             if len(x) < 4 * TESTED_LAGS or power == 0.0:
                 continue
-            c = np.correlate(x, x, "full")[len(x) : len(x) + len(x) // 4] / power
-            if len(x) * float(np.sum(c[:TESTED_LAGS] ** 2)) > CORRELATED:
+            c = np.correlate(np.append(x, np.zeros(TESTED_LAGS)), x)[1:] / power
+            if len(x) * float(c @ c) > CORRELATED:
+                c = np.correlate(x, x, "full")[len(x) : len(x) + len(x) // 4] / power
                 largest = max(largest, 1.0 + 2.0 * float(np.sum(np.abs(c))))
         return largest
 
@@ -315,7 +316,7 @@ def _clean_mode(values: Array, backward: bool) -> Mode | None:
     omega = damped_frequency(guess)
     whole = condense(used, omega)
     for dropped in [drop for drop in (0, *DROPS) if drop >= foreign]:
-        record = whole.without(dropped, last=backward)
+        record = whole.without(dropped, last=backward) if dropped else whole
         fit = fit_weights(record, np.array(guess))
         if fit is None or not fit.rss < CLOSE * float(record.data @ record.data):
             return None
@@ -406,7 +407,7 @@ def _weak_part(mode: Mode) -> tuple[Array, Array] | None:
     if found is None:
         return None
     record, fit = found
-    return fit.poles, fit.covariance() * fit.rss / max(1, len(record.data) - 5)
+    return fit.poles, fit.covariance * fit.rss / max(1, len(record.data) - 5)
 
 
 def _without_overgrowth(mode: Mode) -> Mode:
@@ -423,7 +424,7 @@ def _without_overgrowth(mode: Mode) -> Mode:
         if rest is None or not rest.outgrows_itself():
             return mode
         ours, theirs = (
-            m.fit.covariance() * m.variance + m.fit.rounding(m.record) for m in (mode, rest)
+            m.fit.covariance * m.variance + m.fit.rounding(m.record) for m in (mode, rest)
         )
         apart = np.abs(mode.fit.poles - rest.fit.poles)
         contradicts = (apart > OUTLIER * np.sqrt(np.diag(ours + theirs))).any()

@@ -21,6 +21,7 @@ from hybrid.expressions import Name
 from hybrid.layout import build_analog
 from hybrid.linearity import NotLinear, linear_program
 from hybrid.machine import Analog, Floats, Machine, OutputStage
+from hybrid.memo import KeptByUse
 from hybrid.patch import Patch, RunSettings, WordSettings, literal
 from hybrid.scale import to_seconds
 from hybrid.tape import build_tape
@@ -131,8 +132,16 @@ def ideal_modes(patch: Patch, overrides: Mapping[str, float]) -> Complex:
 
 def ideal_analog(patch: Patch, scope: Mapping[str, float]) -> Analog:
     """The analog side alone, every component perfect."""
+    return _ideal_analog(scope, patch)
+
+
+def _all_perfect(scope: Mapping[str, float], patch: Patch) -> Analog:
     perfect = {part.name: OutputStage() for part in patch.analog_parts}
     return build_analog(patch, scope, perfect)[0]
+
+
+# T has no part in it.
+_ideal_analog = KeptByUse(_all_perfect)
 
 
 def _ideal(patch: Patch, scope: Mapping[str, float]) -> Complex:

@@ -9,7 +9,7 @@ from __future__ import annotations
 import functools
 import math
 from collections.abc import Callable, Sequence
-from dataclasses import asdict, dataclass, replace
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -60,7 +60,7 @@ class Prediction:
                 "zeta": mode.zeta,
                 "omega_ideal": mode.omega_ideal,
                 "zeta_ideal": mode.zeta_ideal,
-                "closed_form": asdict(form) if form else None,
+                "closed_form": dict(vars(form)) if form else None,
             }
             for mode, form in zip(self.modes, self.closed_forms, strict=True)
         ]

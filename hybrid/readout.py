@@ -241,10 +241,10 @@ def _errors(mode: Mode) -> Errors:
     """
     sigma, a0 = mode.poles
     omega = math.sqrt(a0)
-    covariance = mode.fit.covariance() * mode.variance
+    covariance = mode.fit.covariance * mode.variance
     drift = drift_covariance(mode) if mode.is_noisy() else None
     if drift is not None:  # a walk explains the correlation; it need not be counted twice
-        covariance = mode.fit.covariance() * mode.deviation**2 + drift
+        covariance = mode.fit.covariance * mode.deviation**2 + drift
     covariance = covariance + mode.fit.rounding(mode.record)
     slopes = np.array(
         [[0.0, 0.5 / omega], [-1.0 / omega, 0.5 * sigma / omega**3], [-2.0 * sigma, 1.0]]

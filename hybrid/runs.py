@@ -381,8 +381,8 @@ def _window(readout: Readout, scope: Mapping[str, float], result: Run) -> tuple[
     end_s = to_seconds(to_ticks(readout.end.number(scope))) if readout.end else np.inf
     start_s = max(start_s, result.first_s(readout.signal))
     rows = range(len(result.rows))
-    first = bisect.bisect_left(rows, start_s, key=result.row_s)
-    last = bisect.bisect_right(rows, end_s, key=result.row_s)
+    first = bisect.bisect_left(rows, start_s, key=result.row_s) if start_s > 0.0 else 0
+    last = bisect.bisect_right(rows, end_s, key=result.row_s) if end_s < np.inf else len(rows)
     clipped = _first_clip(readout, result)
     if clipped is not None:
         last = min(last, bisect.bisect_left(rows, clipped["time_s"], key=result.row_s))
@@ -391,7 +391,7 @@ def _window(readout: Readout, scope: Mapping[str, float], result: Run) -> tuple[
 
 def _first_clip(readout: Readout, result: Run) -> dict[str, Any] | None:
     """The first overload of a converter that clips, for a transient; analog signals go on."""
-    if readout.kind != "transient":
+    if readout.kind != "transient" or not result.overloads:
         return None
     clips = {s.name for s in result.machine.samplers if s.clips}
     clips |= {h.name + DAC_SUFFIX for h in result.machine.holders if h.clips}
@@ -399,7 +399,7 @@ def _first_clip(readout: Readout, result: Run) -> dict[str, Any] | None:
 
 
 def _overload_note(readout: Readout, result: Run, last: int) -> str:
-    first = _first_clip(readout, result)
-    if first is None or last >= len(result.rows):
+    first = _first_clip(readout, result) if last < len(result.rows) else None
+    if first is None:
         return ""
     return f"read up to the overload of {first['signal']} at {first['time_s']:.6g} s"

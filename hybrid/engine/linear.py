@@ -319,10 +319,10 @@ class Player:
         if not notes.any():
             return
         for row in np.flatnonzero(notes[:, kernel.TIMES]).tolist():
-            note, (value, worst) = notes[row], self.state.beyond[row].tolist()
+            note, (value, worst) = notes[row].tolist(), self.state.beyond[row].tolist()
             first = self._instant_s(note[kernel.FIRST_REPEAT], note[kernel.FIRST_INSTANT])
             worst_s = self._instant_s(note[kernel.WORST_REPEAT], note[kernel.WORST_INSTANT])
-            instants = int(note[kernel.TIMES])
+            instants = note[kernel.TIMES]
             if row in self._overload_s:
                 first, value, old_worst, old_s, old_instants = self._overload_s[row]
                 instants += old_instants

@@ -29,7 +29,7 @@ from hybrid.engine.arrays import (
 )
 from hybrid.engine.lookup import new_places, pack
 from hybrid.engine.propagator import propagators
-from hybrid.machine import Floats, Holder, Machine, Pen, Sampler, StepEvent
+from hybrid.machine import Analog, Floats, Holder, Machine, Pen, Sampler, StepEvent
 from hybrid.scale import to_seconds
 from hybrid.tables import Axis, Table
 from hybrid.tape import Tape
@@ -89,10 +89,14 @@ def _at_once(cues: list[Cue]) -> list[Cue]:
 
 def sums_of(machine: Machine) -> tuple[int, ...]:
     """Signals that are no states: combinations of states and inputs."""
-    if machine.elements:
-        return ()
-    states = set(machine.analog.states)
-    return tuple(i for i, name in enumerate(machine.analog.signals) if name not in states)
+    return () if machine.elements else _sums(machine.analog)
+
+
+# The runs of a sweep of T share their analog side.
+@functools.lru_cache(maxsize=16)
+def _sums(analog: Analog) -> tuple[int, ...]:
+    states = set(analog.states)
+    return tuple(i for i, name in enumerate(analog.signals) if name not in states)
 
 
 def _padding(rows: int) -> int:
@@ -125,20 +129,25 @@ def plant_of(machine: Machine, intervals: list[int]) -> Plant:
     )
 
 
-def _places(machine: Machine) -> list[int]:
+def _places(machine: Machine) -> tuple[int, ...]:
     """Where each signal stands in the kernel's v."""
-    analog, sums = machine.analog, sums_of(machine)
     if machine.elements:
-        return list(range(len(analog.signals) + 1))  # the last is the machine's mode
+        return tuple(range(len(machine.analog.signals) + 1))  # the last is the machine's mode
+    return _linear_places(machine.analog)
+
+
+@functools.lru_cache(maxsize=16)
+def _linear_places(analog: Analog) -> tuple[int, ...]:
+    sums = _sums(analog)
     first = _padding(len(sums) + len(analog.states))
     place = {analog.signals[s]: first + i for i, s in enumerate(sums)}
     place |= {name: first + len(sums) + i for i, name in enumerate(analog.states)}
-    return [place[s] for s in analog.signals]
+    return tuple(place[s] for s in analog.signals)
 
 
 def coupling_of(machine: Machine) -> Coupling:
     """Converters and steps."""
-    places = tuple(_places(machine)) if machine.samplers else ()
+    places = _places(machine) if machine.samplers else ()
     return _coupled(places, machine.samplers, machine.holders, machine.steps)
 
 
