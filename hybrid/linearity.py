@@ -37,8 +37,8 @@ ARGUMENTS = dict.fromkeys(BINARY_OPS.values(), 2) | {Op.NOT: 1}
 ARGUMENTS |= {op: FUNCTIONS[name].fewest for name, op in FUNCTION_OPS.items()}
 # A delay of more cycles would make matrices that take minutes.
 MOST_REMEMBERED = 1000
-# Numbers of the programs that are kept (8 MB).
-MOST_KEPT = 10**6
+# Numbers of the programs that are kept (8 MB), and what each takes with its tape.
+MOST_KEPT, KEPT_BESIDE = 10**6, 500
 SUMS = (Op.ADD, Op.SUB, Op.MUL)  # which have no finite value only where numbers end
 CHANGE = "change the parameters or constants that make it so"
 
@@ -88,7 +88,7 @@ def linear_program(tape: Tape, adcs: int) -> LinearProgram:
 
 # A prediction asks for it twice: for the map, and to tell which closed form applies.
 _kept: KeptBySize[tuple[Tape, int], LinearProgram] = KeptBySize(
-    MOST_KEPT, lambda program: program.rows.size + program.keep.size
+    MOST_KEPT, lambda program: program.rows.size + program.keep.size + KEPT_BESIDE
 )
 
 

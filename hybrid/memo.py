@@ -60,8 +60,9 @@ class KeptByUse(Generic[Result]):
 class KeptBySize(Generic[Key, Result]):
     """Results by what they were built for, as long as they are not too large together.
 
-    most: of what `size` counts, in all. The oldest go first; the last two stay, however large, since a
-    prediction and a run of one machine ask for the same. Nobody may change a result.
+    most: of what `size` counts, in all: what a result takes, and its key. The oldest go first; the last
+    two stay, however large, since a prediction and a run of one machine ask for the same. Nobody may
+    change a result.
     """
 
     def __init__(self, most: int, size: Callable[[Result], int]) -> None:

@@ -27,8 +27,8 @@ from hybrid.stretches import Stretches, never_repeats
 
 # Periods without a usable common multiple are laid out event by event, up to this many events.
 MOST_FLAT_EVENTS = 300_000
-# Events of the timelines that are kept (25 MB).
-MOST_KEPT_EVENTS = 200_000
+# Events of the timelines that are kept (25 MB), and what each timeline takes beside them.
+MOST_KEPT, KEPT_BESIDE = 200_000, 100
 # Different intervals between events, and the numbers in all their propagators (1 GB).
 MOST_INTERVALS = 20_000
 MOST_PROPAGATED = 10**8
@@ -127,7 +127,7 @@ def _clocks(machine: Machine) -> _Clocks:
 
 # The runs of a batch mostly share their clocks, and a prediction and a run of one machine often do.
 _kept: KeptBySize[_Clocks, Timeline] = KeptBySize(
-    MOST_KEPT_EVENTS, lambda timeline: sum(len(s.events) for s in timeline.segments)
+    MOST_KEPT, lambda timeline: sum(len(s.events) for s in timeline.segments) + KEPT_BESIDE
 )
 
 
