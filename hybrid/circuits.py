@@ -27,6 +27,7 @@ from hybrid.elements import (
     Element,
     limit_pieces,
 )
+from hybrid.guards import in_machine_units
 from hybrid.layout import AnalogLayout, block_states
 from hybrid.machine import Analog, OutputStage, StepEvent
 from hybrid.modes import HOLD, IC, LOGIC, MODE_ELEMENT, MODE_NAMES, OP, TIMED_MODE
@@ -339,7 +340,7 @@ class _CircuitLayout(AnalogLayout):
         yield from _in_loop(name, integrator, core) if core.loop_rate else ((name, integrator),)
 
     def _nonlinear(self, name: str, stage: OutputStage) -> Iterator[tuple[str, Element]]:
-        """The kind's element, which is in SI units inside, with inputs and output scaled."""
+        """The kind's element, which is in SI units inside, with inputs, guards and output scaled."""
         kind, given = CATALOG[self.components[name].kind], self.given[name]
         full_scale = self.scale[name]
         if self.cores[name].steps:
@@ -365,7 +366,7 @@ class _CircuitLayout(AnalogLayout):
         control = element.control
         control = name + control if control and control.startswith(":") else self._gate(control)
         first, second = scaled(element.first), scaled(element.second)
-        return replace(element, first=first, second=second, control=control)
+        return in_machine_units(replace(element, first=first, second=second, control=control))
 
     def _gate(self, control: str | None) -> str | None:
         """What switches at once where this signal is a control."""

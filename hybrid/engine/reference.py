@@ -67,6 +67,8 @@ from hybrid.engine.kernel import RUNAWAY_MU
 
 # A guard this far beyond its bound at rest means another piece; events are located better than that.
 SLACK = 1e-11
+# One that does not get this far beyond its bound has not left it: so far rounding may take it.
+ROUNDING = 1e-13
 MOST_EVENTS = 10_000
 
 Method = Literal["DOP853", "Radau"]
@@ -342,8 +344,9 @@ class Reference:
             for bound, step in ((row[HIGH], 1), (row[LOW], -1)):
                 if math.isfinite(bound):
                     beyond = step * (g - bound) >= 0.0
-                    further = 2.0 * step * SLACK * max(1.0, abs(g)) if beyond else 0.0
-                    found.append(self._event(corner, bound + further, step))
+                    further = 2.0 * SLACK if beyond else ROUNDING
+                    at = bound + step * further * max(1.0, abs(g))
+                    found.append(self._event(corner, at, step))
                     self._watched.append((corner, step))
         return found
 

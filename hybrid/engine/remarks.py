@@ -20,9 +20,12 @@ from hybrid.engine.circuit import (
     END_PIECE,
     FIRST,
     FIRST_PIECE,
+    GAIN,
     HIGH,
     KIND,
+    OF_SUM,
     OWNER,
+    ROLE,
     Circuit,
 )
 from hybrid.engine.sweep import ENDED_BY, FROM_S, MOST, SHRUNK, TURNED_S, TURNS, State
@@ -68,13 +71,15 @@ def ended_by(circuit: Circuit, names: Sequence[str], state: State, gathered: boo
 def _jumps(circuit: Circuit, corner: int) -> bool:
     """Whether neighbouring pieces of a corner differ where the first is left."""
     first, end = circuit.corners[corner, FIRST_PIECE], circuit.corners[corner, END_PIECE]
+    e, of_sum = circuit.corners[corner, OWNER], circuit.corners[corner, ROLE] == OF_SUM
+    size = abs(circuit.figures[e, GAIN]) if of_sum else 1.0  # what a sum makes may be in SI units
     for p in range(first, end - 1):
         at = circuit.pieces[p, HIGH]
         x = at - circuit.pieces[p : p + 2, AT]
         values = circuit.pieces[p : p + 2, C0] + x * (
             circuit.pieces[p : p + 2, C1] + x * circuit.pieces[p : p + 2, C2]
         )
-        if abs(values[1] - values[0]) > JUMP_MU:
+        if abs(values[1] - values[0]) * size > JUMP_MU:
             return True
     return False
 
