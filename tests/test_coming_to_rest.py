@@ -1,4 +1,4 @@
-"""A ball that comes to rest: without lags its jumps add up to a finite time, and the run says so.
+"""What comes to rest: without lags the jumps of a ball add up to a finite time, and the run says so.
 
 The ball falls on a floor that turns its velocity v into -e v. A comparator tells that it is above the
 floor; where it is not, the integrator of v is reset to what two parts keep of the velocity before.
@@ -151,3 +151,70 @@ def test_intervals_that_shrink_less_and_less_come_to_no_end(scale):
     so they go as 6 / (d n), and their sum as its logarithm, to no end; whatever the unit of x."""
     result = hybrid.run(hybrid.parse_patch(RELAY.replace("SCALE", scale)))
     assert (result.status, result.status_note) == ("complete", "")
+
+
+TWISTING = """
+title: A mass that a relay and dry friction bring to rest
+machine: ideal
+analog:
+  x: {integrate: {v: 100}, initial: 0.5, full_scale: 1}
+  v: {integrate: {side: -300, drag: -100}, initial: 0, full_scale: 5}
+  side: {compare: {x: 1}, low: -1, high: 1, full_scale: 1}
+  drag: {compare: {v: 1}, low: -1, high: 1, full_scale: 1}
+run: {until: 100 ms, every: 1 ms}
+"""
+
+
+@pytest.mark.parametrize(("engine", "seen"), [("nonlinear", 1e-12), ("reference", 2e-11)])
+def test_both_engines_say_where_a_mass_comes_to_rest(engine, seen):
+    """x'' = -a sgn x - b sgn x': from x0 it is back at 0 after t = sqrt(2 x0 / (a - b)), and stands at
+    -q x0 after another q t, q = (a - b) / (a + b); so all ends at t (1 + q) / (1 - sqrt(q)).
+
+    Turns are followed until x swings by less than 1e-9, to 1e-9 q^2 at the least, where it passes 0 at
+    V = sqrt(2 (a - b) 1e-9 q^2). A crossing `seen` too late is so by d = seen / V. Of the interval and
+    its share r = q of the one before, what is left has the errors 2 d r / (1 - r) and, of that share,
+    2 (1 + 1 / r) d / (1 - r)^2, beside d itself. The note has nine digits.
+    """
+    result = hybrid.run(hybrid.parse_patch(TWISTING), engine=engine)
+    note = re.fullmatch(
+        r"stopped at (\S+) s: \w+ switches at ever shorter intervals, each (\S+) of the one before, "
+        r"so without end by (\S+) s; nothing says what is after that: .*",
+        result.status_note,
+    )
+    assert note is not None, result.status_note
+    stopped_s, share, end_s = (float(figure) for figure in note.groups())
+    a, b, x0 = 3e4, 1e4, 0.5
+    q = (a - b) / (a + b)
+    exact_s = math.sqrt(2 * x0 / (a - b)) * (1 + q) / (1 - math.sqrt(q))
+    d = seen / math.sqrt(2 * (a - b) * 1e-9 * q**2)
+    bound_s = d * (1 + 2 * q / (1 - q) + 2 * (1 + 1 / q) / (1 - q) ** 2) + 0.5e-9 * exact_s
+    assert bound_s < 1e-4 * exact_s
+    assert end_s == pytest.approx(exact_s, abs=bound_s)
+    assert share == pytest.approx(q, abs=0.01)
+    assert 0.0 < exact_s - stopped_s < 1e-3 * exact_s
+    assert result.status == "stopped"
+
+
+SLIDING = """
+title: A relay that slides
+machine: MACHINE
+analog:
+  x: {integrate: {u: 1}, initial: 0.05, full_scale: 1}
+  u: {compare: {x: -1}, high: 50, low: -50, full_scale: 50}
+run: {until: 1.3 ms, every: 0.1 ms}
+"""
+
+
+def test_the_reference_tells_chatter_as_the_nonlinear_engine_does():
+    """x is at 0 after 1 ms. On ideal parts that ends the run; with lags the relay changes to and fro."""
+    for machine, said in (
+        ("ideal", r"stopped at 0\.001 s: u chatters: give it hysteresis, or what it drives a lag"),
+        (
+            "lags",
+            r"u chatters from 0\.001\d* s on, \d+ changes as fast as the lags allow: give it .*",
+        ),
+    ):
+        for engine in ("nonlinear", "reference"):
+            patch = hybrid.parse_patch(SLIDING.replace("MACHINE", machine))
+            note = hybrid.run(patch, engine=engine).status_note
+            assert re.fullmatch(said, note), (machine, engine, note)

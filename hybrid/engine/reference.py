@@ -1,8 +1,9 @@
 """The same circuit integrated by SciPy at tight tolerances, to check the other engines against.
 
 Stage 4; `reference_player` plays whole runs with it. Every lag is a state and is resolved, pieces
-change at located events, and nothing but the flat `Circuit` is shared with the engine. Slow: lags
-of 1 us cost some 10^6 to 10^7 evaluations a machine second.
+change at located events, and nothing is shared with the engine but the flat `Circuit` and what counts
+as chatter and as changes that gather (`switching`). Slow: lags of 1 us cost some 10^6 to 10^7
+evaluations a machine second.
 """
 
 from __future__ import annotations
@@ -64,18 +65,18 @@ from hybrid.engine.circuit import (
     Circuit,
 )
 from hybrid.engine.kernel import RUNAWAY_MU
+from hybrid.engine.switching import since
+from hybrid.engine.too_often import Chatters, Count, Gathers
 
 # A guard this far beyond its bound at rest means another piece; events are located better than that.
 SLACK = 1e-11
 # One that does not get this far beyond its bound has not left it: so far rounding may take it.
 ROUNDING = 1e-13
 MOST_EVENTS = 10_000
+# The slope of a guard is taken over this share of the time since it changed its piece.
+SHORT = 1e-3
 
 Method = Literal["DOP853", "Radau"]
-
-
-class Chatters(RuntimeError):
-    """Pieces change without end."""
 
 
 class RunsAway(RuntimeError):
@@ -144,6 +145,7 @@ class Reference:
     step_s: float = 0.0  # to begin with; 0: the integrator finds one
     look: Callable[[float, Floats], None] | None = None  # shown time and signals after every step
     ends_at: frozenset[tuple[int, int]] = frozenset()  # element, new piece: at these play() ends
+    count: Count | None = None  # where given, changes that come too often end it
 
     def __post_init__(self) -> None:
         """Start with lags settled, unless the circuit says otherwise."""
@@ -166,10 +168,13 @@ class Reference:
     def play(self, duration_s: float, instants_s: Floats | None = None) -> Floats:
         """Go on with the present held inputs; the signals at instants after the start (rows, n).
 
-        Raises Chatters, RunsAway and NotResolved; `now_s` says when, as it does where play() ends early.
+        Raises Chatters, Gathers, RunsAway and NotResolved; `now_s` says when, as it does where play()
+        ends early.
         """
         instants = np.zeros(0) if instants_s is None else instants_s
         begin, end = self.now_s, self.now_s + duration_s
+        if self.count:
+            self.count.begin()
         rows = np.zeros((len(instants), len(self.circuit.rows)))
         self._settled(begin)
         for _ in range(MOST_EVENTS):
@@ -360,10 +365,42 @@ class Reference:
         return event
 
     def _change_piece(self, times_s: list[Floats]) -> None:
+        """Change what has come to its bound, and all that follows; raises Chatters and Gathers."""
+        reason: Chatters | Gathers | None = None
         for (corner, step), times in zip(self._watched, times_s, strict=True):
             if len(times):
+                try:
+                    self._count(corner, step)
+                except (Chatters, Gathers) as too_often:
+                    reason = too_often
                 self._go(corner, step)
         self._settled(self.now_s)
+        if reason:
+            raise reason
+
+    def _count(self, corner: int, step: int) -> None:
+        """Count a change that is due.
+
+        A guard that falls back as a ball does, at a constant rate, swings by slope * interval / 4.
+        """
+        if self.count:
+            row = self._row(corner)
+            span_s = since(self.count.changes, corner, step, self.now_s)
+            swing = 0.25 * abs(self._guard_slope(corner, SHORT * span_s)) * span_s
+            bound = row[HIGH] if step > 0 else row[LOW]
+            self.count.add(corner, step, bound, swing, self.now_s)
+
+    def _guard_slope(self, corner: int, over_s: float) -> float:
+        """How fast a guard moves now, in its unit a second; infinite where there is no time to see."""
+        if not 0.0 < over_s < math.inf:
+            return math.inf
+        x, y = self.x, self.y
+        before = self._values(self.now_s).guard[corner]
+        z = np.concatenate([x, y])
+        self.x, self.y = np.split(z + over_s * self._slope(self.now_s, z), 2)
+        after = self._values(self.now_s + over_s).guard[corner]
+        self.x, self.y = x, y
+        return float(after - before) / over_s
 
 
 def _far_out(t_s: float, z: Floats) -> float:

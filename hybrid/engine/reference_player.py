@@ -13,9 +13,10 @@ import numpy as np
 from hybrid.engine import kernel
 from hybrid.engine.arrays import Floats, Score, State
 from hybrid.engine.linear import Overload, Player
-from hybrid.engine.reference import Chatters, Method, NotResolved, Reference, RunsAway
+from hybrid.engine.reference import Method, NotResolved, Reference, RunsAway
 from hybrid.engine.remarks import refuse_undefined
-from hybrid.engine.sweep import CALLED
+from hybrid.engine.sweep import CALLED, ENDED_BY
+from hybrid.engine.too_often import Chatters, Count, Gathers
 from hybrid.engine.windows import CircuitPlayer
 from hybrid.scale import to_seconds
 
@@ -29,6 +30,13 @@ TOLERANCE = 1e-10
 MANY_LAGS = 1000
 # Beyond full scale by more than the integrator's own error.
 FULL_SCALE = 1.0 + 1e-9
+
+OUTCOMES: dict[type[Exception], int] = {
+    Chatters: kernel.CHATTERS,
+    Gathers: kernel.GATHERS,
+    RunsAway: kernel.RUNAWAY,
+    NotResolved: kernel.NOT_RESOLVED,
+}
 
 
 @dataclass
@@ -66,6 +74,7 @@ class ReferencePlayer(CircuitPlayer):
     engine_error = None  # SciPy keeps its tolerance in each step and adds nothing up
     reference: Reference
     beyond: _Beyond
+    count: Count
 
     def _first_state(self) -> State:
         """Every signal settled at t = 0."""
@@ -89,6 +98,8 @@ class ReferencePlayer(CircuitPlayer):
         state.v[:count] = first
         self.calls.listen(self.side.state)
         self.reference.ends_at = self.calls.pieces
+        self.count = Count(circuit, self.side.state.changes)
+        self.reference.count = self.count
         self.reference.events.clear()
         return state
 
@@ -135,10 +146,10 @@ class ReferencePlayer(CircuitPlayer):
                 if advances:
                     reference.play(float(clock.intervals_s[cue[1]]))
                 signals = reference.signals()[self.side.place]
-        except (Chatters, RunsAway, NotResolved) as reason:
+        except (Chatters, Gathers, RunsAway, NotResolved) as reason:
             self.side.stopped_s[0] = reference.now_s
-            why = {Chatters: kernel.CHATTERS, RunsAway: kernel.RUNAWAY}
-            return why.get(type(reason), kernel.NOT_RESOLVED)
+            self.side.state.counts[ENDED_BY] = self.count.ended_by
+            return OUTCOMES[type(reason)]
         self.beyond(reference.now_s, signals)
         v[: len(signals)] = signals
         if advances and self._switched():

@@ -90,15 +90,40 @@ def gathers(
 
     A guard that falls back as a ball does, at a constant rate, swings by slope * interval / 4.
     """
-    changes, k = state.changes, 0 if by > 0 else TURNS
-    span, before = at_s - changes[corner, TURNED_S + k], changes[corner, SPAN_S + k]
+    swing, shortest_s = math.inf, 0.0
+    if length_s > 0.0:  # a window of no length has no slope; the way back is looked at, too
+        slope = slope_at(grid, state.guard_start[corner], state.guard[corner], len(grid.marks))
+        swing = 0.25 * abs(slope) / length_s * since(state.changes, corner, by, at_s)
+    if circuit.taus_s.shape[0] > 0:
+        shortest_s = circuit.taus_s[0]
+    p = circuit.corners[corner, FIRST_PIECE] + state.piece[corner]
+    bound = circuit.pieces[p, HIGH] if by > 0 else circuit.pieces[p, LOW]
+    return bool(closes_in(state.changes, corner, by, at_s, swing, bound, shortest_s))
+
+
+@compiled
+def since(changes: Floats, corner: int, by: int, at_s: float) -> float:
+    """How long ago the last change the same way was."""
+    return float(at_s - changes[corner, TURNED_S + (0 if by > 0 else TURNS)])
+
+
+@compiled
+def closes_in(
+    changes: Floats,
+    corner: int,
+    by: int,
+    at_s: float,
+    swing: float,
+    bound: float,
+    shortest_s: float,
+) -> bool:
+    """Count a change, up or down, between which and the last the guard went as far as `swing`; whether
+    such changes are about to come to an end of their time. shortest_s: the shortest lag, or 0."""
+    k = 0 if by > 0 else TURNS
+    span, before = since(changes, corner, by, at_s), changes[corner, SPAN_S + k]
     ratio = span / before if before > 0.0 else math.inf
     changes[corner, TURNED_S + k], changes[corner, SPAN_S + k] = at_s, span
     changes[corner, RATIO + k] = ratio
-    swing = math.inf
-    if length_s > 0.0:  # a window of no length has no slope; the way back is looked at, too
-        slope = slope_at(grid, state.guard_start[corner], state.guard[corner], len(grid.marks))
-        swing = 0.25 * abs(slope) / length_s * span
     if not 0.0 < ratio < SHRINKS:
         changes[corner, SHRUNK + k] = 0.0
         return False
@@ -106,12 +131,10 @@ def gathers(
     if changes[corner, SHRUNK + k] == 1.0:
         changes[corner, GAP + k], changes[corner, SWUNG + k] = 1.0 - ratio, swing
     left_s = span * ratio / (1.0 - ratio)
-    if circuit.taus_s.shape[0] > 0 and left_s > SHARE_OF_LAG * circuit.taus_s[0]:
+    if shortest_s > 0.0 and left_s > SHARE_OF_LAG * shortest_s:
         return False
     # Intervals as 1, 1/2, 1/3, ... shrink as well, less and less, and come to no end.
     if abs(1.0 - ratio - changes[corner, GAP + k]) > SAME_GAP * changes[corner, GAP + k]:
         return False
-    p = circuit.corners[corner, FIRST_PIECE] + state.piece[corner]
-    bound = circuit.pieces[p, HIGH] if by > 0 else circuit.pieces[p, LOW]
     least = min(LEAST_SWING * max(1.0, abs(bound)), LEAST_SHARE * changes[corner, SWUNG + k])
     return bool(changes[corner, SHRUNK + k] >= SHRINKING and swing < least)
