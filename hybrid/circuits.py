@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import functools
 import math
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -50,6 +50,14 @@ def build_circuit(
     """Lay out and scale the analog side as elements; `stages` gives each component's errors."""
     used = tuple((name, scope[name]) for name in patch.analog_parameters)
     return _laid_out(patch, used, tuple(sorted(stages.items(), key=lambda entry: entry[0])))
+
+
+def elements_with(
+    patch: Patch, scope: Mapping[str, float], stages: Mapping[str, OutputStage]
+) -> Callable[[str, OutputStage], Elements]:
+    """What gives the elements of one component whose output stage has other errors than in `stages`."""
+    layout = _CircuitLayout(patch, scope, dict(stages))
+    return layout.elements_with
 
 
 @functools.lru_cache(maxsize=64)
@@ -234,9 +242,15 @@ class _CircuitLayout(AnalogLayout):
             made.gates, made.elements = self.gates, tuple(self._elements(name))
         return made.elements
 
-    def _elements(self, name: str) -> Iterator[tuple[str, Element]]:
+    def elements_with(self, name: str, stage: OutputStage) -> Elements:
+        """The elements of a signal with these errors of its output stage, not on the dials."""
+        return tuple(self._elements(name, stage))
+
+    def _elements(
+        self, name: str, stage: OutputStage | None = None
+    ) -> Iterator[tuple[str, Element]]:
         """The hidden element of a signal, if it has one, and its own."""
-        stage = self.stages[name]
+        stage = stage or self.stages[name]
         if name in self.dacs:
             yield name, _with_errors(Element(INPUT), stage)
         elif not CATALOG[self.components[name].kind].is_linear:

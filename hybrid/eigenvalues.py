@@ -69,7 +69,9 @@ def _of_stack(matrices: Floats, shifted: bool) -> list[Complex | NotLinear]:
     # Figures of more than 300 decades may overflow below; what comes of them is refused or left out.
     with np.errstate(all="ignore"):
         matrices = _balanced(matrices)
-        pairs = _solved(_eigenpairs, np.empty((count, n + 1, n), dtype=complex), matrices)
+        needs_vectors = shifted or n <= LARGEST_POLISHED  # they double the time
+        find, rows = (_eigenpairs, n + 1) if needs_vectors else (_eigenvalues_alone, 1)
+        pairs = _solved(find, np.empty((count, rows, n), dtype=complex), matrices)
         values, vectors = pairs[:, 0], pairs[:, 1:]
         kept = values.imag >= 0  # which NaN is not
         if shifted:
@@ -110,6 +112,10 @@ def _eigenpairs(matrices: Floats) -> Complex:
     """Of each matrix the eigenvalues, and below each its vector: (points, 1 + n, n)."""
     values, vectors = np.linalg.eig(matrices)
     return np.concatenate([values[:, None], vectors], axis=1)
+
+
+def _eigenvalues_alone(matrices: Floats) -> Complex:
+    return np.linalg.eigvals(matrices).astype(complex)[:, None]
 
 
 def _balanced(matrices: Floats) -> Floats:

@@ -155,7 +155,7 @@ class AnalogLayout:
             self._add_rates(name, c, rates, noise)
         static = self._static_values()
         x0 = np.array([self._initial(s, static) for s in states])
-        noisy = noise[:, np.any(noise != 0.0, axis=0)]
+        noisy, set_of_states = noise[:, np.any(noise != 0.0, axis=0)], frozenset(states)
         analog = Analog(
             self.signals,
             tuple(states),
@@ -168,7 +168,7 @@ class AnalogLayout:
             self.first_inputs(inputs),
             np.array([self.scale[s] for s in self.signals]),
             np.array([static[s] for s in self.signals]),
-            tuple(i for i, s in enumerate(states) if self._only_drives(s, states)),
+            tuple(i for i, s in enumerate(states) if self._only_drives(s, set_of_states)),
         )
         return analog, self.steps(inputs)
 
@@ -329,49 +329,65 @@ class AnalogLayout:
             rates[held, held] += core.feedback
             rms = stage.gain * self.checked(name, core.noise / self.scale[name])
             noise[held, held] = rms * math.sqrt(-2.0 * core.feedback) if rms else 0.0
-            row = self._unit_row("x", self._state_name(held))
+            row = np.zeros(len(self.column))
+            row[held] = 1.0
         if stage.tau > 0:
             row[output] -= 1.0
             rates[output] += row / stage.tau
             # White noise through the lag: a first-order Gauss process of rms `noise`.
             noise[output, output] = stage.noise * math.sqrt(2.0 / stage.tau)
 
-    def _only_drives(self, state: str, states: Sequence[str]) -> bool:
+    def _only_drives(self, state: str, states: frozenset[str]) -> bool:
         """Whether a state belongs to a source, so that it is no mode of the patch."""
         name = state.removesuffix(":core")
         if name not in self.components or (state == name and f"{name}:core" in states):
             return state.endswith(SOURCE_STATES)
         return self.cores[name].dynamic and CATALOG[self.components[name].kind].symbol == "source"
 
-    def _state_name(self, index: int) -> str:
-        return next(s for (kind, s), i in self.column.items() if kind == "x" and i == index)
+    def static_row(self, name: str, stage: OutputStage) -> tuple[dict[str, float], float]:
+        """A signal at t = 0, lags settled, as gains of signals and a figure; `stage`: its errors."""
+        if name in self.held_mu:
+            return {}, stage.gain * self.held_mu[name] + stage.offset
+        core, own = self.cores[name], self.scale[name]
+        if core.dynamic and core.initial is not None:
+            return {}, core.initial / own
+        # A settled dynamic core balances its inputs: w = -(sum) / feedback.
+        factor = -1.0 / core.feedback if core.dynamic else 1.0
+        gains = {
+            signal: factor * stage.gain * (gain * self.scale[signal] / own)
+            for signal, gain in core.gains.items()
+        }
+        source = core.constant + (0.0 if core.integrated else core.held)
+        if core.oscillation:
+            source += core.oscillation.amplitude * math.sin(core.oscillation.phase)
+        offset = stage.offset * self.offset_rate(name)
+        return gains, factor * (stage.gain * source / own + offset)
+
+    def rate_row(self, name: str, stage: OutputStage) -> tuple[dict[str, float], float]:
+        """An integrator's rate at t = 0, in machine units a second, in the same way."""
+        core, own = self.cores[name], self.scale[name]
+        gains = {s: stage.gain * (gain * self.scale[s] / own) for s, gain in core.gains.items()}
+        begins = (core.initial or 0.0) / own
+        rate = stage.gain * core.constant / own + stage.offset * self.offset_rate(name)
+        return gains, rate + core.feedback * begins
+
+    def static_balance(self) -> tuple[Floats, Floats]:
+        """All static rows as a matrix and figures: matrix @ signals = figures."""
+        index = {s: i for i, s in enumerate(self.signals)}
+        matrix, right = np.eye(len(index)), np.zeros(len(index))
+        for name, i in index.items():
+            gains, right[i] = self.static_row(name, self.stages[name])
+            for signal, gain in gains.items():
+                matrix[i, index[signal]] -= gain
+        return matrix, right
 
     def _static_values(self) -> dict[str, float]:
         """Every signal at t = 0 with all lags settled: the operator's static check."""
-        index = {s: i for i, s in enumerate(self.signals)}
-        matrix, right = np.eye(len(index)), np.zeros(len(index))
-        for name, core in self.cores.items():
-            stage, i = self.stages[name], index[name]
-            if core.dynamic and core.initial is not None:
-                right[i] = core.initial / self.scale[name]
-                continue
-            # A settled dynamic core balances its inputs: w = -(sum) / feedback.
-            factor = -1.0 / core.feedback if core.dynamic else 1.0
-            for signal, gain in core.gains.items():
-                scaled = gain * self.scale[signal] / self.scale[name]
-                matrix[i, index[signal]] -= factor * stage.gain * scaled
-            source = core.constant + (0.0 if core.integrated else core.held)
-            if core.oscillation:
-                source += core.oscillation.amplitude * math.sin(core.oscillation.phase)
-            offset = stage.offset * self.offset_rate(name)
-            right[i] = factor * (stage.gain * source / self.scale[name] + offset)
-        for name, value in self.held_mu.items():
-            stage = self.stages[name]
-            right[index[name]] = stage.gain * value + stage.offset
+        matrix, right = self.static_balance()
         try:
             settled = np.linalg.solve(matrix, right)
         except np.linalg.LinAlgError:
-            settled = np.full(len(index), math.nan)
+            settled = np.full(len(right), math.nan)
         if not np.all(np.isfinite(settled)):
             raise PatchError(
                 "the machine cannot settle before the run: a loop of parts with lag but no "

@@ -20,6 +20,7 @@ carried back to t = 0, and both are compared. They may differ by
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -29,8 +30,10 @@ from hybrid.components import CATALOG
 from hybrid.elements import INTEGRATE
 from hybrid.engine.rates import Start, first_rates
 from hybrid.errors import PatchError
+from hybrid.influence import changes_of_rates
 from hybrid.layout import build_analog
 from hybrid.machine import Floats, Machine, OutputStage
+from hybrid.patch import Component
 from hybrid.scale import to_seconds
 from hybrid.trial import Trial
 
@@ -113,16 +116,17 @@ def rate_test(
         expected, allowed = _by_hand(machine, names)
     except PatchError:  # 0/0, which errors turn into a figure
         expected, allowed = given, np.full(len(names), math.inf)
-    columns = [machine.analog.signals.index(name) for name in names]
+    place = {signal: i for i, signal in enumerate(machine.analog.signals)}
+    columns = [place[name] for name in names]
     shown = _carried_back(start.rates_mu[:, columns], wait_s, step_s)
-    rows = []
+    rows, lag_of = [], _lags_s(machine)
     for i, name in enumerate(names):
         stage = machine.stages[name]
         why_not = start.why_not.get(name) or ("a part switches" if start.switched else "")
         why_not = why_not or ("" if math.isfinite(allowed[i]) else "no value without errors")
         off = allowed[i] + shown.digits
         if shown.left[i] <= MOST_LEFT * np.max(np.abs(start.rates_mu[:, columns[i]])):
-            lag_s = _lag_s(machine, name)
+            lag_s = lag_of(name)
             off += lag_s * (shown.changes[i] + lag_s * shown.bends[i]) + shown.left[i]
         # A machine that begins in IC moves later.
         first = trial.rates_mu[name] if trial and not machine.operation else None
@@ -162,14 +166,15 @@ def _by_hand(machine: Machine, names: list[str]) -> tuple[Floats, Floats]:
         return np.array([found[name] for name in names])
 
     expected = rates(exact)
-    allowed, tolerances = np.zeros(len(names)), 0.0
+    allowed, tolerances, errors = np.zeros(len(names)), 0.0, []
     for name, stage in machine.stages.items():
         offset = abs(stage.offset) + stage.offset_limit
         limits = [replace(exact[name], gain=1.0 + stage.tolerance)] * (stage.tolerance != 0.0)
         limits += [replace(exact[name], offset=offset)] * (offset != 0.0)
         tolerances += abs(stage.tolerance)
-        for limit in limits:
-            allowed += np.abs(rates({**exact, name: limit}) - expected)
+        errors += [(name, limit) for limit in limits]
+    for change in changes_of_rates(_with_stages(machine, exact), names, errors):
+        allowed += np.abs(change)
     dials = {
         n: replace(s, pot_resolution=machine.stages[n].pot_resolution) for n, s in exact.items()
     }
@@ -180,7 +185,9 @@ def _by_hand(machine: Machine, names: list[str]) -> tuple[Floats, Floats]:
 
 def _without_errors(stage: OutputStage) -> OutputStage:
     """The same lag and word length, and nothing else that is not as it should be."""
-    return replace(stage, gain=1.0, offset=0.0, noise=0.0, saturation=math.inf, pot_resolution=0.0)
+    return replace(
+        stage, gain=1.0, offset=0.0, noise=0.0, saturation=math.inf, pot_resolution=0.0
+    )
 
 
 def _with_stages(machine: Machine, stages: dict[str, OutputStage]) -> Machine:
@@ -200,7 +207,11 @@ def _first_moments(machine: Machine, rates_mu: Floats) -> tuple[Start, float, fl
     step_s = wait_s or (
         LITTLE_MU / fastest if fastest > 0.0 else SHARE_OF_RUN * to_seconds(machine.timing.until)
     )
-    return first_rates(machine, wait_s, step_s, INTERVALS), step_s, wait_s
+    analog = replace(machine.analog, noise=np.zeros((len(machine.analog.states), 0)))
+    quiet = replace(
+        machine, analog=analog
+    )  # what noise spreads is half the work, and not asked for
+    return first_rates(quiet, wait_s, step_s, INTERVALS), step_s, wait_s
 
 
 @dataclass(frozen=True, slots=True)
@@ -236,27 +247,31 @@ def _at_start(at: Floats, values: Floats) -> Floats:
     return np.asarray(np.linalg.solve(powers, values)[:3], dtype=np.float64)
 
 
-def _lag_s(machine: Machine, name: str) -> float:
-    """The sum of the lags of an integrator and of all that follows its inputs at once, each once."""
+def _lags_s(machine: Machine) -> Callable[[str], float]:
+    """What gives the sum of the lags of an integrator and of all that follows its inputs at once."""
     sources = {c.name: (*c.sources, *c.controls) for c in machine.patch.components}
     kinds = {c.name: c.kind for c in machine.patch.components}
-    rates = {
-        c.name: _loop_rate(machine, c.name) for c in machine.patch.components if c.kind == "amplify"
-    }
-    found, todo = {name}, list(sources[name])
-    while todo:
-        signal = todo.pop()
-        if signal in found:
-            continue
-        found.add(signal)
-        if kinds.get(signal, "integrate") not in KEEPERS:
-            todo += sources[signal]
-    loops = sum(1.0 / rates[s] for s in found if s in rates)
-    return sum(machine.stages[s].tau for s in found if s in machine.stages) + loops
+    lags_s = {name: stage.tau for name, stage in machine.stages.items()}
+    for component in machine.patch.components:
+        if component.kind == "amplify":
+            lags_s[component.name] += 1.0 / _loop_rate(machine, component)
+
+    def lag_s(name: str) -> float:
+        """Each part on the way once."""
+        found, todo = {name}, list(sources[name])
+        while todo:
+            signal = todo.pop()
+            if signal in found:
+                continue
+            found.add(signal)
+            if kinds.get(signal, "integrate") not in KEEPERS:
+                todo += sources[signal]
+        return math.fsum(lags_s.get(signal, 0.0) for signal in found)
+
+    return lag_s
 
 
-def _loop_rate(machine: Machine, name: str) -> float:
+def _loop_rate(machine: Machine, component: Component) -> float:
     """How fast an open amplifier settles in a loop of gain 1 elsewhere, in 1/s."""
-    component = next(c for c in machine.patch.components if c.name == name)
     values = {k: v.number(machine.parameters) for k, v in component.values.items()}
     return CATALOG["amplify"].core(values, {}).loop_rate

@@ -40,6 +40,7 @@ PART_GAP = 44.0  # between parts of the diagram that no cord joins
 NEAR = 7.0  # two nets closer than this would be taken for one line
 SHORT = 24.0  # an upright shorter than this is a kink rather than a way
 LARGE = 400  # boxes; beyond this the order is improved less
+EFFORT = 30_000_000  # pairs of nets that are looked at for exchanges of neighbours, some seconds
 
 
 @dataclass(frozen=True)
@@ -363,6 +364,7 @@ class _Layering:
             if now < best - 1e-9:
                 best, kept = now, self._snapshot()
         self._restore(kept)
+        self.effort = 0
         for _ in range(8 if len(self.boxes) <= LARGE / 4 else 2 if len(self.boxes) <= LARGE else 1):
             before = best
             for column in range(self.count):
@@ -418,7 +420,11 @@ class _Layering:
         items = self.items[column]
         near = (column, column + 1)
         before = sum(self._cost(space) for space in near)
+        pairs = sum(len(self.spaces[space].nets) ** 2 for space in near)
         for place in range(len(items) - 1):
+            self.effort += pairs
+            if self.effort > EFFORT:
+                break
             items[place], items[place + 1] = items[place + 1], items[place]
             heights = [item.y for item in items]
             _pile(items)
@@ -764,14 +770,11 @@ def _best_order(costs: NDArray[np.float64]) -> list[int]:
         for name in range(len(costs)):
             at = order.index(name)
             order.pop(at)
-            cost = float(costs[name, order].sum())
-            found = [cost]
-            for other in order:
-                cost += costs[other, name] - costs[name, other]
-                found.append(cost)
-            best = min(found)
+            steps = costs[order, name] - costs[name, order]
+            found = costs[name, order].sum() + np.concatenate([[0.0], np.cumsum(steps)])
+            best = found.min()
             if found[at] > best + 1e-9:
-                at = next(place for place, c in enumerate(found) if c <= best + 1e-9)
+                at = int(np.argmax(found <= best + 1e-9))
             order.insert(at, name)
         if order == before:
             break

@@ -33,8 +33,9 @@ from hybrid.modes import OP, STOP_RUN
 
 # Instants between two looks at Ctrl-C.
 CHUNK_ADVANCES = 2000
-# Windows after which no further instant is begun: some tenths of a second where something switches fast.
-CHUNK_WINDOWS = 10_000
+# Elements times windows after which no further instant is begun: some tenths of a second where
+# something switches fast.
+CHUNK_ELEMENTS = 600_000
 # To let loops settle before a run.
 MOST_PASSES = 1000
 
@@ -139,7 +140,7 @@ def take_turns(
 ) -> int:
     """Like `kernel.play`, with the circuit as the analog side; at most CHUNK_ADVANCES instants."""
     cues, count = score.cues, state.counts
-    last = side.state.counts[WINDOWS] + CHUNK_WINDOWS
+    last = side.state.counts[WINDOWS] + CHUNK_ELEMENTS // side.place.shape[0]
     for _ in range(CHUNK_ADVANCES):
         if side.state.counts[WINDOWS] > last:
             break
@@ -187,7 +188,7 @@ def play_circuit(*given: Any) -> int:
 def play_limited_circuit(*given: Any) -> int:
     """`take_turns` for programs of limited word length: a cycle is computed between two calls."""
     score, deck, state, side = given[0], given[3], given[5], given[11]
-    last = side.state.counts[WINDOWS] + CHUNK_WINDOWS
+    last = side.state.counts[WINDOWS] + CHUNK_ELEMENTS // side.place.shape[0]
     for _ in range(CHUNK_ADVANCES):
         if side.state.counts[WINDOWS] > last:
             break

@@ -202,7 +202,14 @@ class CircuitPlayer(Player):
 def settled(machine: Machine) -> tuple[list[float], dict[str, float]]:
     """Every signal at t = 0, in order, and what each integrator integrates then; machine units."""
     side, names = side_of(machine)
-    settle_loops(side, machine.analog.u0[side.held])
+    values, drives = at_start(side, machine.analog.u0)
+    refuse_undefined(machine, side.circuit, names, side.state.start)
+    return values.tolist(), dict(zip(machine.analog.signals, drives.tolist(), strict=True))
+
+
+def at_start(side: Side, inputs: Floats) -> tuple[Floats, Floats]:
+    """The same of a side that has not started, both (signals,); inputs: all held ones of the machine."""
+    settle_loops(side, inputs[side.held])
     advance(
         side.circuit,
         side.state,
@@ -215,10 +222,7 @@ def settled(machine: Machine) -> tuple[list[float], dict[str, float]]:
         side.no_pen,
         None,  # at t = 0 there is none yet
     )
-    refuse_undefined(machine, side.circuit, names, side.state.start)
-    values = side.state.start[side.place].tolist()
-    drives = zip(machine.analog.signals, side.state.memory[side.place, DRIVE].tolist(), strict=True)
-    return values, dict(drives)
+    return side.state.start[side.place], side.state.memory[side.place, DRIVE]
 
 
 def side_of(machine: Machine) -> tuple[Side, tuple[str, ...]]:
