@@ -10,8 +10,6 @@ import itertools
 import math
 from collections.abc import Set
 
-import numpy as np
-
 from hybrid.clockwork import Happening
 from hybrid.machine import Floats, Machine
 from hybrid.stretches import Stretches
@@ -19,12 +17,9 @@ from hybrid.timeline import Timeline
 
 
 def initial_words(machine: Machine) -> Floats:
-    """What every word shows before its first result, (words,) in SI units: a state its initial value."""
-    tape = machine.tape
-    if not len(tape.states):
-        return np.zeros(len(tape.words))
-    is_state = np.isin(tape.word_registers, tape.states[:, 0])
-    return np.where(is_state, tape.registers[tape.word_registers], 0.0)
+    """What every word shows before its first result, (words,) in SI units: a state its initial value, a
+    word that other tasks read its first one."""
+    return machine.tape.registers[machine.tape.word_registers]
 
 
 def first_results(machine: Machine, timeline: Timeline, seed: int) -> dict[str, float]:

@@ -498,7 +498,11 @@ PART_KEYS = (
     Key("use", Holds.TEXT, "a definition of this file (or of `file`) by name"),
     Key("inputs", Holds.TERMS, "input: signal; arithmetic, where the input is a word"),
     Key("parameters", Holds.TERMS, "parameter: quantity"),
-    Key("task", Holds.TEXT, "which task computes its words, of a machine with tasks"),
+    Key(
+        "task",
+        Holds.TEXT,
+        "which task computes its words, of a machine with tasks; with `on: digital` all of it",
+    ),
     Key(
         "on",
         Holds.CHOICE,

@@ -450,6 +450,9 @@ def build_tape(
         foreign = sorted(_foreign(single) & own.keys() - set(adcs))
         build.begin(single, own | {name: build.register() for name in foreign})
         shared += [(build.place[name], build.words.index(name)) for name in foreign]
+        for name in foreign:
+            if name in build.remember:
+                build.values[own[name]] = build.first_of(name, build.remember[name])
         build.play(written_out(single, step_s), written)
         states += [(build.place[s.word], build.place[rate_of(s.word)]) for s in single.states]
         starting += [build.place[name] for name in (TO_START, FIRST) if name in build.place]

@@ -483,7 +483,6 @@ run: {{until: 1 s}}
 
 
 OTHERWISE = {
-    "tasks": ({"angle": "digital"}, "where the digital one has tasks"),
     "no digital machine": ("digital", "and the patch has none; add digital: {period: TIME}"),
     "bits": ({"rate": "digital"}, "converters have different bits; add one to interface"),
     "unknown": ({"rat": "digital"}, "no part, signal or word 'rat'; did you mean 'rate'"),
@@ -526,14 +525,12 @@ def test_what_else_cannot_be(case: str) -> None:
     text = text.replace("{cycle: 10 ms}", "{cycle: 10 ms, unit2: 1 1/s}")
     if case in changes:
         text = text.replace(*changes[case])
-    if case in ("tasks", "lead"):
+    if case == "lead":
         head, _, _ = text.partition("digital:")
-        start = "period: cycle" if case == "tasks" else "when: high rises"
-        task = f"{{{start}, compute_time: 0, program: {{word: -100*sample*unit2}}}}"
+        task = "{when: high rises, compute_time: 0, program: {word: -100*sample*unit2}}"
         text = f"{head}digital: {{tasks: {{one: {task}}}}}\nrun: {{until: 1 s}}\n"
         text = text.replace("rad/s^2", "rad/s")
         text = text.replace("{torque: 1}", "{torque: unit2}")
-    if case == "lead":
         text = text.replace("bits: 12, full", "lead: 1 ms, bits: 12, full")
         high = "high: {compare: {angle: 1}, high: 1, hysteresis: 0.1, full_scale: 1}"
         text = text.replace("analog:\n", f"analog:\n  {high}\n")

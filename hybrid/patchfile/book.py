@@ -186,7 +186,7 @@ class Book:
                 self.root.places["digital"],
             )
         for name, task, place in tasks:
-            if not {"program", "states"} & task.entries.keys():
+            if not (self._may_lack_words or {"program", "states"} & task.entries.keys()):
                 raise PatchError(
                     f"task {name!r} has no program; add program: (assignments, word: arithmetic) or "
                     "states:",

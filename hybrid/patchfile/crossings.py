@@ -134,7 +134,7 @@ class Crossings:
         if self.where[name] == ANALOG:
             return Adc(made, name, bits, None, None, 0, place)
         scale = self.scale(name)
-        initial = self._initial(name)
+        initial = self.initial(name)
         return Dac(
             name=made,
             word=name,
@@ -149,7 +149,7 @@ class Crossings:
             begins_unknown=initial is None,
         )
 
-    def _initial(self, name: str) -> Value | None:
+    def initial(self, name: str) -> Value | None:
         """What a DAC shows of a word before there is a result: its value at t = 0; None if not known."""
         try:
             value = Value(self._begins(name), self.place(name), f"value of {name!r} at t = 0")

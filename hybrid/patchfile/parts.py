@@ -60,6 +60,7 @@ class Flat:
     texts: tuple[str, ...]
     parts: tuple[str, ...]
     told: tuple[Told, ...]  # which parts run on a machine of their own
+    homes: Mapping[str, str]  # analog signals of parts that name a task, with it
 
 
 @dataclass(frozen=True, slots=True)
@@ -103,6 +104,7 @@ class _Writer:
         self.files = Files()
         self.parts: list[str] = []
         self.told: list[Told] = []
+        self.homes: dict[str, str] = {}
 
     def write(
         self,
@@ -168,6 +170,8 @@ class _Writer:
         own = self.tasks[scope.task] if scope.task and section in OF_TASKS else self.sections
         entries, places = own[section]
         entries[full], places[full] = tree, place
+        if scope.task and section == "analog":
+            self.homes[full] = scope.task
 
     def _add_parameter(
         self, scope: Scope, name: str, tree: Tree, place: Place, given: Text | None
@@ -319,6 +323,7 @@ class _Writer:
             tuple(self.files.texts.values()),
             tuple(self.parts),
             tuple(self.told),
+            self.homes,
         )
 
 

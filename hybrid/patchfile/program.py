@@ -25,11 +25,16 @@ from hybrid.language import COUNTED, FULL_SCALE, PROCESSOR_KEYS, TASK_KEYS, Key
 from hybrid.parsing import parse
 from hybrid.patch import Assignment, ProcessorSettings, Program, State, Task, Value
 from hybrid.patchfile.book import Book, Role, digital_keys, tasks_of
+from hybrid.patchfile.homes import ONLY, Habits
 from hybrid.patchfile.models import check_input, model_names, model_words, refuse_model_name
 from hybrid.patchfile.shownunits import read_shown_units
 from hybrid.patchfile.starting import read_when
 from hybrid.patchfile.states import formula_of, read_states, settle_dimensions, with_dimension
-from hybrid.patchfile.wordlengths import read_word_length, read_word_lengths
+from hybrid.patchfile.wordlengths import (
+    read_word_length,
+    read_word_lengths,
+    task_word_length,
+)
 from hybrid.processors import PROCESSORS
 from hybrid.units import PURE, Dimension
 from hybrid.yamltree import Table, Text, Tree
@@ -83,14 +88,18 @@ def read_program(book: Book) -> Program | None:
     )
 
 
-def usual_formula(book: Book) -> str:
-    """The integration formula of states that name none."""
+def usual_habits(book: Book) -> dict[str, Habits]:
+    """Formula and word length of what says nothing else: of the machine (""), and of each task."""
     digital = book.section("digital")
-    return (
-        formula_of(digital, "integration", "digital", DEFAULT_FORMULA)
-        if digital
-        else DEFAULT_FORMULA
-    )
+    if digital is None:
+        return {ONLY: Habits(DEFAULT_FORMULA)}
+    usual = formula_of(digital, "integration", "digital", DEFAULT_FORMULA)
+    found = {ONLY: Habits(usual)}
+    for name, table, _ in tasks_of(digital):
+        what = f"task {name!r}"
+        formula = formula_of(table, "integration", what, usual)
+        found[name] = Habits(formula, task_word_length(book, name, table))
+    return found
 
 
 def read_full_scales(book: Book, program: Program | None) -> dict[str, FullScale]:

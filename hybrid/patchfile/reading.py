@@ -18,7 +18,7 @@ from hybrid.patchfile.outcome import read_modes, read_readouts, read_record, rea
 from hybrid.patchfile.parameters import read_parameters
 from hybrid.patchfile.parts import expand
 from hybrid.patchfile.placing import Placement, told_from
-from hybrid.patchfile.program import read_full_scales, read_program, usual_formula
+from hybrid.patchfile.program import read_full_scales, read_program, usual_habits
 from hybrid.patchfile.source import name_of, read_text, short
 from hybrid.patchfile.tables import read_tables
 from hybrid.patchfile.transfer import Orders, transferred
@@ -85,7 +85,8 @@ def parse_patch(text: str, file: str = "<text>", on: Placement = None) -> Patch:
         book.files.hashes,
     )
     _try_numbers(patch, [scale.value for scale in full_scales.values()])
-    orders = Orders(flat.told, outside, flat.parts, usual_formula(book), full_scales)
+    habits = usual_habits(book)
+    orders = Orders(flat.told, outside, flat.parts, habits, flat.homes, full_scales)
     return with_leads(transferred(patch, orders))
 
 

@@ -25,6 +25,8 @@ CLOCK = "seconds"
 # are two roundings of one number.
 AT_ONCE = 1e-6  # of the period
 
+AT_ZERO = literal(0.0)
+
 
 @dataclass(frozen=True, slots=True)
 class Surroundings:
@@ -34,24 +36,27 @@ class Surroundings:
     full_scales: Mapping[str, Value]  # of analog signals, for what they switch
     dimensions: Mapping[str, Dimension]
     clock: str  # the name of the state that counts the seconds
-    period: Node  # of the program, in seconds
+    period: Node  # of the program or task, in seconds
+    phase: Value = AT_ZERO  # when its first cycle begins
 
 
 def clock_of(around: Surroundings) -> State:
-    """The state that counts the seconds: k T in cycle k, however many there were before.
+    """The state that counts the seconds: phase + k T in cycle k, however many there were before.
 
     A formula adds T to T and its roundings add up, so its result only serves the stages of a cycle.
     """
-    cycles = Binary("/", Name(around.clock), around.period)
-    next_cycle = Call("round", (Binary("+", cycles, Number(1.0)),))
+    clock, begins = Name(around.clock), around.phase.expr
+    since = clock if begins == Number(0.0) else Binary("-", clock, begins)
+    next_cycle = Call("round", (Binary("+", Binary("/", since, around.period), Number(1.0)),))
+    due = Binary("*", next_cycle, around.period)
     return State(
         around.clock,
         Number(1.0),
-        literal(0.0),
+        around.phase,
         around.formula,
         dimension=TIME,
         reset_when=Number(1.0),
-        reset_to=Binary("*", next_cycle, around.period),
+        reset_to=due if begins == Number(0.0) else Binary("+", due, begins),
     )
 
 

@@ -13,6 +13,7 @@ from hybrid.components import CATALOG
 from hybrid.errors import PatchError, Place, quoted
 from hybrid.expressions import (
     Node,
+    Number,
     names,
     next_names,
     previous_names,
@@ -21,17 +22,21 @@ from hybrid.expressions import (
 from hybrid.fields import FullScale
 from hybrid.modes import RESERVED_SIGNALS
 from hybrid.patch import (
+    Adc,
     Assignment,
     Component,
+    Dac,
     ModeSettings,
     Patch,
     Program,
     State,
+    Task,
     Value,
     WordSettings,
     literal,
 )
 from hybrid.patchfile.crossings import ANALOG, DIGITAL, Crossings
+from hybrid.patchfile.homes import ONLY, Habits, Homes, settled
 from hybrid.patchfile.placing import Told, placed
 from hybrid.patchfile.program import computing_order
 from hybrid.patchfile.to_components import component_of, joined
@@ -48,7 +53,8 @@ class Orders:
     within: Sequence[Told]  # by the patch
     outside: Sequence[Told]
     parts: Sequence[str]
-    formula: str  # of states that integrators become
+    habits: Mapping[str, Habits]  # of the digital machine ("") and of each task
+    homes: Mapping[str, str]  # components of parts that name a task, with it
     full_scales: Mapping[str, FullScale]  # of words
 
 
@@ -60,10 +66,10 @@ def transferred(patch: Patch, orders: Orders) -> Patch:
     written = {c.name: ANALOG for c in patch.components}
     written |= {e.word: DIGITAL for e in (patch.program.written if patch.program else ())}
     where = placed(written, orders.within, orders.outside, orders.parts, patch.file)
+    where = settled(patch, where, {told.name for told in (*orders.within, *orders.outside)})
     on = {told.name or "all": told.machine for told in orders.outside}
     if where == written:
-        idle = patch.program and not patch.program.words  # a machine on which nothing is put
-        return replace(_without_program(patch) if idle else patch, on=on)
+        return replace(_without_idle(patch), on=on)
     return replace(_Transfer(patch, orders, where).patch_after(), on=on)
 
 
@@ -77,14 +83,20 @@ class _Transfer:
         self.components, self.words = self.crossings.components, self.crossings.words
         self.found, self.scale = self.crossings.found, self.crossings.scale
         self.reference = self.crossings.free("reference")
-        assert self.program.period is not None  # only tasks may have none
+        self.homes = Homes(self.program, orders.homes, patch.bind())
+        self.around = {task: self._surroundings(task) for task in self.homes.tasks or (ONLY,)}
+
+    def _surroundings(self, task: str) -> Surroundings:
+        """What a component finds in a task, or in the one program."""
+        clock = self.program if task == ONLY else self.homes.tasks[task]
         scales = self.crossings.full_scales
-        self.around = Surroundings(
-            orders.formula,
+        return Surroundings(
+            self.orders.habits[task].formula,
             {name: scale.value for name, scale in scales.items()},
             {name: scale.dimension for name, scale in scales.items()},
-            self.crossings.free(CLOCK),
-            self.program.period.expr,
+            self.crossings.free(CLOCK if task == ONLY else f"{task}_{CLOCK}"),
+            clock.period.expr if clock.period else Number(1.0),
+            (clock.phase if isinstance(clock, Task) else None) or literal(0.0),
         )
 
     def patch_after(self) -> Patch:
@@ -96,17 +108,27 @@ class _Transfer:
         components += self._reference(components)
         timing = self._timing(written)
         program = self._program_of([*written, *timing], [entry.word for entry in timing])
-        adcs, dacs = crossings.converters() if program else ([], [])
+        adcs, dacs = self._converters(program)
         shown = {name: crossings.root(name) for name in patch.signals}
         return replace(
-            patch if program else _without_program(patch),
+            _with_program(patch, program),
             components=tuple(sorted(components, key=lambda c: c.name)),
             adcs=tuple(sorted(adcs, key=lambda a: a.name)),
             dacs=tuple(sorted(dacs, key=lambda d: d.name)),
-            program=program,
             record=tuple(dict.fromkeys(shown[name] for name in patch.record)),
             readouts=tuple(replace(r, signal=shown[r.signal]) for r in patch.readouts),
             modes=modes,
+        )
+
+    def _converters(self, program: Program | None) -> tuple[list[Adc], list[Dac]]:
+        """Those that are left; one that names a task of which nothing is left goes by the others."""
+        if program is None:
+            return [], []
+        left = {task.name for task in program.tasks}
+        adcs, dacs = self.crossings.converters()
+        return (
+            [a if a.task in left else replace(a, task=None) for a in adcs],
+            [d if d.transfer in left else replace(d, transfer=None) for d in dacs],
         )
 
     def _on(self, machine: str) -> list[str]:
@@ -161,7 +183,7 @@ class _Transfer:
         if entry is None:
             if self.patch.leaves_op:
                 self._refuse_modes(name)
-            entry = words_of(self.components[name], self.around)
+            entry = self._translated(self.components[name])
         for expr in entry.reads:
             for other in sorted(previous_names(expr) | next_names(expr)):
                 if self.where.get(other) == ANALOG:
@@ -175,6 +197,16 @@ class _Transfer:
         resets = {key: getattr(entry, key) for key in ("reset_when", "reset_to")}
         resets = {key: expr and self._renamed(expr) for key, expr in resets.items()}
         return replace(entry, expr=self._renamed(entry.expr), **resets)
+
+    def _translated(self, component: Component) -> Assignment | State:
+        """A component as a word of the task that it goes into."""
+        task = self.homes.receive(component)
+        around = self.around[task]
+        entry = words_of(component, around)
+        timed = any(around.clock in names(expr) for expr in entry.reads)
+        if timed or isinstance(entry, State) or edges_of(component, around):
+            self.homes.require_clock(component, task)
+        return entry
 
     def _renamed(self, expr: Node) -> Node:
         return renamed(expr, {name: self.found(name, DIGITAL) for name in sorted(names(expr))})
@@ -203,13 +235,19 @@ class _Transfer:
         )
 
     def _timing(self, written: Sequence[Assignment | State]) -> list[Assignment | State]:
-        """When sources are on, and the state that counts the seconds where something reads it."""
+        """When sources are on, and in each task the state of its seconds where something reads it."""
+        found: list[Assignment | State] = []
         moved = [self.components[name] for name in self._on(DIGITAL) if name in self.components]
-        edges = [edge for component in moved for edge in edges_of(component, self.around)]
-        read = (expr for entry in (*written, *edges) for expr in entry.reads)
-        if not any(self.around.clock in names(expr) for expr in read):
-            return []
-        return [*edges, clock_of(self.around)]
+        for task, around in self.around.items():
+            own = [component for component in moved if self.homes.of(component.name) == task]
+            edges = [edge for component in own for edge in edges_of(component, around)]
+            readers = (*(e for e in written if self.homes.of(e.word) == task), *edges)
+            if any(around.clock in names(expr) for entry in readers for expr in entry.reads):
+                timing: list[Assignment | State] = [*edges, clock_of(around)]
+                for made in timing:
+                    self.homes.put(made.word, task)
+                found += timing
+        return found
 
     def _reference(self, components: Sequence[Component]) -> list[Component]:
         """The constant 1, where something reads it."""
@@ -228,25 +266,84 @@ class _Transfer:
             return None
         states = {e.word: e for e in written if isinstance(e, State)}
         assignments = {e.word: e for e in written if isinstance(e, Assignment)}
-        own = self.program
-        words = {*states, *assignments}
+        own, words = self.program, {*states, *assignments}
         lengths = {word: length for word, length in own.lengths.items() if word in words}
+        for word in words & self.components.keys():
+            length = self.orders.habits[self.homes.of(word)].word
+            if length and self.homes.tasks:
+                lengths[word] = length
         shown = {name: self.components[name] for name in words if name in self.components}
+        tasks = self._tasks(assignments, states)
+        order = [word for task in tasks for word in task.words]
+        remember = {word: value for word, value in own.remember.items() if word in words}
         return replace(
             own,
-            assignments=tuple(assignments[word] for word in computing_order(assignments, states)),
+            period=next((t.period for t in tasks if t.period), None) if tasks else own.period,
+            assignments=tuple(
+                assignments[word] for word in order or computing_order(assignments, states)
+            ),
             states=tuple(states[word] for word in sorted(states)),
-            remember={word: value for word, value in own.remember.items() if word in words},
+            remember=self._first_values(tasks, {**assignments, **states}) | remember,
             lengths=lengths | dict.fromkeys(exact, WordSettings()),
             units={**own.units, **{name: (c.unit, c.factor) for name, c in shown.items()}},
+            tasks=tasks,
         )
 
+    def _tasks(
+        self, assignments: Mapping[str, Assignment], states: Mapping[str, State]
+    ) -> tuple[Task, ...]:
+        """The tasks that anything is left of, with their words in the order in which they compute."""
+        found = []
+        for name, task in self.homes.tasks.items():
+            words = {w: e for w, e in assignments.items() if self.homes.of(w) == name}
+            own = {w: e for w, e in states.items() if self.homes.of(w) == name}
+            if words or own:
+                order = computing_order(words, own)
+                found.append(replace(task, words=order, states=tuple(sorted(own))))
+        return tuple(found)
 
-def _without_program(patch: Patch) -> Patch:
-    """The patch without a digital machine, its rows as they were."""
-    assert patch.program is not None
-    every = patch.run.every or patch.program.period
-    return replace(patch, program=None, run=replace(patch.run, every=every))
+    def _first_values(
+        self, tasks: Sequence[Task], entries: Mapping[str, Assignment | State]
+    ) -> dict[str, Value]:
+        """What other tasks read before the first result of a word: what the DAC between them showed that
+        is no more, or what the component was that it is now."""
+        shown = {d.word: d.initial for d in self.patch.dacs if not self.crossings.remains(d)}
+        found = {}
+        for task in tasks:
+            own = {*task.words, *task.states}
+            reads = (expr for word in own for expr in entries[word].reads)
+            for word in sorted(frozenset[str]().union(*map(names, reads)) - own):
+                first = shown.get(word)
+                if word in self.components:
+                    first = self.crossings.initial(word)
+                if first and isinstance(entries.get(word), Assignment):
+                    found[word] = first
+        return found
+
+
+def _with_program(patch: Patch, program: Program | None) -> Patch:
+    """The patch with another program or none, its rows as they were."""
+    before, run = patch.program, patch.run
+    if before and not run.every:
+        scope = patch.bind()
+        every = min(before.periods, key=lambda period: period.number(scope))
+        if not (program and every in program.periods):
+            run = replace(run, every=every)
+    return replace(patch, program=program, run=run)
+
+
+def _without_idle(patch: Patch) -> Patch:
+    """The patch without the tasks, or the digital machine, on which nothing is put."""
+    program = patch.program
+    if program is None:
+        return patch
+    if not program.words:
+        return _with_program(patch, None)
+    tasks = tuple(task for task in program.tasks if task.words or task.states)
+    if tasks == program.tasks:
+        return patch
+    period = next((task.period for task in tasks if task.period), None)
+    return _with_program(patch, replace(program, tasks=tasks, period=period))
 
 
 def _program(patch: Patch, where: Mapping[str, str]) -> Program:
@@ -258,12 +355,6 @@ def _program(patch: Patch, where: Mapping[str, str]) -> Program:
             f"{moved!r} is put on the digital machine, and the patch has none; add digital: "
             "{period: TIME}",
             place,
-        )
-    if patch.program.tasks:
-        raise PatchError(
-            "nothing can be put on another machine where the digital one has tasks, as it "
-            "would belong to none; leave out on",
-            patch.program.place,
         )
     return patch.program
 

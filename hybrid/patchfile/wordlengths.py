@@ -46,12 +46,16 @@ def read_word_lengths(
                 f"words of {what}: {word!r} has a word length in digital: words: too; give it one",
                 table.places["words"],
             )
-        tree = table.entries.get("word")
-        if tree:
-            usual = _settings(book, tree, f"word of {what}", PURE)
+        if usual := task_word_length(book, name, table):
             found |= dict.fromkeys(own - single.keys(), usual)
         found |= mine
     return dict(sorted(found.items()))
+
+
+def task_word_length(book: Book, name: str, table: Table) -> WordSettings | None:
+    """The word length that a task gives all of its words; None where it gives none."""
+    tree = table.entries.get("word")
+    return _settings(book, tree, f"word of task {name!r}", PURE) if tree else None
 
 
 def _single(
