@@ -1,8 +1,8 @@
 """DAVE-ML files (AIAA S-119): the variables of a model with their arithmetic and tables.
 
 Stage 2. Inside a model numbers are in the units of the file; `Variable.factor` is for the door. Read are
-variableDef with MathML, limits and initial values, breakpointDef, griddedTableDef and function, all
-linear; what else a function may be is refused. Everything else in a file tells its readers something.
+variableDef with MathML, limits and initial values, breakpointDef, griddedTableDef, ungriddedTableDef and
+function, all linear; what else a function may be is refused. Everything else tells readers something.
 http://daveml.org/DTDs/2p0/Ref (DAVE-ML 2.0 reference).
 """
 
@@ -14,6 +14,7 @@ import re
 from collections import Counter
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
+from typing import TypeVar
 
 import numpy as np
 
@@ -21,9 +22,11 @@ from hybrid.errors import PatchError, Place, counted, did_you_mean, quoted
 from hybrid.expressions import Call, LookUp, Name, Node, Number, names
 from hybrid.graph import find_loop
 from hybrid.mathml import read_math
+from hybrid.meshes import check_spread, scattered_table, twice
 from hybrid.tables import CLAMPS, CONTINUES, Axis, Table, TableError, check_points, check_size
 from hybrid.xmltree import Element, read_xml
 
+_Found = TypeVar("_Found")
 _SEPARATORS = re.compile(r"[\s,;]+")
 # Which sides a table goes on beyond its range, by the attribute extrapolate.
 _SIDES = {
@@ -145,6 +148,7 @@ class _Reader:
             raise PatchError("no <variableDef>; a model needs variables", root.place)
         self.breakpoints = _by_id(root, "breakpointDef", "bpID")
         self.tables = _by_id(root, "griddedTableDef", "gtID")
+        self.loose = _by_id(root, "ungriddedTableDef", "utID")
         self.words = _words({id_: _name(e, id_) for id_, e in self.defined.items()})
         self.functions: dict[str, Element] = {}
         for function in root.all("function"):
@@ -198,26 +202,53 @@ class _Reader:
         """A table at its variables."""
         refs = list(function.all("independentVarRef"))
         if refs:
-            table = self.gridded(function, refs, id_)
+            table = self.defined_table(function, refs, id_)
         else:
             refs = list(function.all("independentVarPts"))
             table = self.listed(function, refs, id_)
         return LookUp(table, tuple(Name(self.inside(r.required("varID"), r)) for r in refs))
 
-    def gridded(self, function: Element, refs: list[Element], id_: str) -> Table:
+    def defined_table(self, function: Element, refs: list[Element], id_: str) -> Table:
+        """What the definition of a function holds or refers to."""
         definition = _only(function, "functionDefn")
         found = definition.first("griddedTableDef", "griddedTable", "griddedTableRef")
+        if found is not None:
+            return self.gridded(function, found, refs, id_)
         loose = definition.first("ungriddedTableDef", "ungriddedTable", "ungriddedTableRef")
-        if loose:
+        if loose is None:
             raise PatchError(
-                "an ungridded table, whose points lie anywhere, is not read; give its function a "
-                "griddedTableDef with a value at every combination of breakpoints",
-                loose.place,
+                "<functionDefn> has no table, gridded or ungridded; other ones are not read",
+                definition.place,
             )
-        if found is None:
-            raise PatchError(
-                "<functionDefn> has no gridded table; other tables are not read", definition.place
-            )
+        return self.ungridded(loose, refs, id_)
+
+    def ungridded(self, found: Element, refs: list[Element], id_: str) -> Table:
+        """Points that lie anywhere: beyond them it goes on only where every variable may, both ways."""
+        if found.tag == "ungriddedTableRef":
+            found = _referred(found, "utID", self.loose)
+        elements = list(found.all("dataPoint"))
+        rows = [_numbers(element) for element in elements]
+        _checked(lambda: check_size([2] * len(refs)), found)
+        for row, element in zip(rows, elements, strict=True):
+            if len(row) != len(refs) + 1:
+                raise PatchError(
+                    f"<dataPoint> has {counted(len(row), 'number')}; a function of "
+                    f"{counted(len(refs), 'variable')} needs {len(refs) + 1}, the value last",
+                    element.place,
+                )
+        data = np.array(rows).reshape(-1, len(refs) + 1)
+        points, values = data[:, :-1], data[:, -1]
+        if (same := twice(points)) is not None:
+            raise PatchError("a point stands at the place of an earlier one", elements[same].place)
+        _checked(lambda: check_spread(points), found)
+        pairs = zip(refs, points.T, strict=True)
+        axes = tuple(_axis(ref, [float(p.min()), float(p.max())]) for ref, p in pairs)
+        goes_on = all(axis.below == axis.above == CONTINUES for axis in axes)
+        table = Table(f"{self.prefix}:{self.words[id_]}", axes, values)
+        action = CONTINUES if goes_on else CLAMPS
+        return _checked(lambda: scattered_table(table, points, values, action), found)
+
+    def gridded(self, function: Element, found: Element, refs: list[Element], id_: str) -> Table:
         if found.tag == "griddedTableRef":
             found = _referred(found, "gtID", self.tables)
         points = [
@@ -341,8 +372,8 @@ def _float(text: str, element: Element, what: str) -> float:
     return value
 
 
-def _checked(check: Callable[[], None], element: Element) -> None:
+def _checked(check: Callable[[], _Found], element: Element) -> _Found:
     try:
-        check()
+        return check()
     except TableError as error:
         raise PatchError(str(error), element.place) from None

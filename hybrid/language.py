@@ -362,7 +362,7 @@ TABLE_KEYS = (
         "file",
         Holds.TEXT,
         "CSV file in place of values, relative to the patch: a line of headings with the inputs, then a "
-        "row for every combination of breakpoints",
+        "row for every combination of breakpoints (of simplices: for every point)",
     ),
     Key(
         "output",
@@ -373,15 +373,16 @@ TABLE_KEYS = (
     Key(
         "method",
         Holds.CHOICE,
-        "straight lines, or monotone cubics (of Fritsch and Carlson; one variable after the other)",
+        "straight lines, monotone cubics (of Fritsch and Carlson; one variable after the other), or "
+        "straight within simplices between points that lie anywhere",
         default="linear",
-        choices=("linear", "cubic"),
+        choices=("linear", "cubic", "simplices"),
     ),
     Key(
         "outside",
         Holds.CHOICE,
-        "beyond the first or last breakpoint: end the run, take the value there, or go on along the "
-        "line or tangent there; the run says how often and when first",
+        "beyond the first or last breakpoint, or all points: end the run, take the value there, or go "
+        "on along the line, plane or tangent there; the run says how often and when first",
         default="stop",
         choices=("stop", "clamp", "extrapolate"),
     ),

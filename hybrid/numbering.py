@@ -17,6 +17,7 @@ import numpy as np
 
 from hybrid.expressions import FUNCTIONS
 from hybrid.helpers import HELPERS
+from hybrid.meshes import searches
 from hybrid.tables import Axis, Table
 from hybrid.tape import BINARY_OPS, CODE, FIRST_WIDE, FUNCTION_OPS, Memory, Op, Tape
 
@@ -194,7 +195,13 @@ class Numbering:
             flat = table.method == "linear" and len(finds) <= 2
             op = (Burst.LINE, Burst.PLANE)[len(finds) - 1] if flat else Op.LOOK_UP
             part.steps.append(Step(op, (), (target,), len(self.looks), finds=finds))
-            self.looks.append((table, finds))
+            beyond = searches(table)[len(finds) :]
+            count = len(self.finds)
+            self.looks.append((table, (*finds, *range(count, count + len(beyond)))))
+            self.finds += beyond
+        if table.mesh is not None:
+            sought = next(f for known, f in self.looks if known is table and f[:-1] == finds)
+            self.asks[-1].append((sought[-1], site, len(finds)))
         return self._known[key]
 
     def _find(self, part: Part, value: int, axis: Axis) -> int:

@@ -24,7 +24,7 @@ Floats: TypeAlias = npt.NDArray[np.float64]
 ENDLESS = 1e300
 MOST_VARIABLES = 4
 MOST_VALUES = 1_000_000
-METHODS = ("linear", "cubic")
+METHODS = ("linear", "cubic", "simplices")
 
 # What a function does where it is asked beyond its range, and how a run says so.
 CONTINUES, CLAMPS, STOPS = range(3)
@@ -53,7 +53,8 @@ class Table:
     """Values at every combination of breakpoints, in SI units, `values[i, j, ...]`.
 
     Linear along each variable (multilinear), or cubic: the monotone piecewise cubic of Fritsch and
-    Carlson along the last variable, then of the results along the one before it, and so on.
+    Carlson along the last variable, then of the results along the one before it, and so on. Values of
+    simplices stand at points that lie anywhere, (points,), with a `mesh` between them.
     """
 
     name: str
@@ -61,6 +62,7 @@ class Table:
     values: Floats
     method: str = METHODS[0]
     dimension: Dimension = PURE
+    mesh: Floats | None = None  # see `meshes`
 
 
 def check_points(name: str, points: Sequence[float]) -> None:

@@ -46,6 +46,7 @@ from hybrid.integration import (
     stepped_of,
     written_out,
 )
+from hybrid.meshes import searches
 from hybrid.patch import Program, Value
 from hybrid.tables import CONTINUES, Table
 from hybrid.wordlength import FLOAT64, Kind, WordLength
@@ -289,7 +290,7 @@ class _Builder:
 
     def look_up(self, table: Table, arguments: tuple[Node, ...]) -> int:
         held = [self.compute(argument) for argument in arguments]
-        axes = table.axes
+        axes = searches(table)
         site = Site(
             table.name,
             self.word,

@@ -294,7 +294,6 @@ DEEP = "<DAVEfunc>" + "<a>" * 200 + "</a>" * 200 + "</DAVEfunc>"
         ('minValue="10"', 'minValue="10" maxValue="1"', 7, "minValue is above maxValue"),
         ('initialValue="30."', 'initialValue="nan"', 8, "initialValue holds 'nan'"),
         ('<bpRef bpID="A"/>', '<bpRef bpID="B"/>', 30, "nothing has the bpID 'B'; valid: A, V"),
-        ("<functionDefn>", '<functionDefn><ungriddedTableRef utID="T"/>', 28, "points lie anywhere"),
         ('<bpRef bpID="A"/>', "", 24, "a table of 1 variable, but a function of 2"),
         ('<breakpointRefs><bpRef bpID="V"/><bpRef bpID="A"/></breakpointRefs>', "", 29, "has no <b"),
         ("0 100</bpVals>", "100 100</bpVals>", 25, "of v must increase, but 100 comes after 100"),

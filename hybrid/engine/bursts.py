@@ -21,6 +21,7 @@ from hybrid.engine.lookup import (
     PER_AXIS,
     STRIDE,
     VALUES,
+    is_beyond,
     line,
     plane,
     read,
@@ -102,6 +103,7 @@ def run_bursts(
             for k in rows:
                 value = read(steps[k, 1], figures, axes, tables, places, intervals)
                 r[steps[k, 0]] = value
+                missed |= is_beyond(steps[k, 1], tables, intervals)
         elif op > SIN_COS:
             for k in rows:
                 compute_jointly(op, r, steps[k, 0], steps[k, 1], steps[k, 2], steps[k, 3])

@@ -1,4 +1,4 @@
-"""Table look-up: linear and monotone cubic in one to four variables, compiled.
+"""Table look-up: linear, monotone cubic or between scattered points, in one to four variables, compiled.
 
 Stage 4. An argument is first sought among breakpoints, then tables are read where it lies; so tables
 with breakpoints and arguments in common share the search. Each search remembers the interval it ended
@@ -14,6 +14,8 @@ import numpy.typing as npt
 
 from hybrid.engine.compiling import strictly_alike
 from hybrid.engine.helper_functions import note_outside
+from hybrid.engine.scattered import ASKED, read_scattered
+from hybrid.meshes import ACTION
 from hybrid.tables import CONTINUES, METHODS, MOST_VARIABLES, Axis, Table
 
 Floats = npt.NDArray[np.float64]
@@ -23,11 +25,11 @@ Ints = npt.NDArray[np.int64]
 # and highest argument before them; how many breakpoints; what is done below and above.
 POINTS, COUNT, BELOW, ABOVE = range(4)
 # Columns of `tables`: the number of axes, the method, where the values begin; then for each axis its
-# search, and how far apart its values are.
+# search, and how far apart its values are; after them, of scattered points, what lies beyond these.
 AXES, METHOD, VALUES, FIRST_AXIS = range(4)
 FIND, STRIDE, PER_AXIS = range(3)
-COLUMNS = FIRST_AXIS + MOST_VARIABLES * PER_AXIS
-CUBIC = METHODS.index("cubic")
+COLUMNS = FIRST_AXIS + (MOST_VARIABLES + 1) * PER_AXIS
+CUBIC, SIMPLICES = METHODS.index("cubic"), METHODS.index("simplices")
 # What a search leaves behind. Floats: the argument within range, which part of the interval lies below
 # it, the argument as it was when it was out of range; in further rows, one for each axis of a table that
 # is being read, what was found at four neighbours. Ints: the interval; 0, or 1 more than what is done
@@ -64,8 +66,9 @@ def pack(
         if look is None:
             continue
         table, found = look
-        values_at = start(table, table.values.ravel())
-        tables[row, :FIRST_AXIS] = len(found), METHODS.index(table.method), values_at
+        values = table.values.ravel() if table.mesh is None else table.mesh
+        values_at = start(table, values)
+        tables[row, :FIRST_AXIS] = len(table.axes), METHODS.index(table.method), values_at
         for i, find in enumerate(found):
             first = FIRST_AXIS + i * PER_AXIS
             stride = int(np.prod(table.values.shape[i + 1 :], dtype=np.int64))
@@ -263,11 +266,41 @@ def _cubics(
 
 
 @strictly_alike
+def _among_points(
+    row: int, figures: Floats, tables: Ints, places: Floats, intervals: Ints
+) -> float:
+    """A table of scattered points; beyond them is told where no argument was out of its range."""
+    count, values = tables[row, AXES], tables[row, VALUES]
+    rooms, told = places.shape[0] - MOST_VARIABLES, False
+    for axis in range(count):
+        find = tables[row, FIRST_AXIS + axis * PER_AXIS + FIND]
+        places[rooms + axis, ASKED] = places[find, X]
+        told |= intervals[find, MISSED] > 0
+    value, beyond = read_scattered(figures, values, count, places)
+    if beyond > 0.0 and not told:
+        find = tables[row, FIRST_AXIS + count * PER_AXIS + FIND]
+        intervals[find, MISSED] = 1 + int(figures[values + ACTION])
+        places[find, BEYOND] = beyond
+    return value
+
+
+@strictly_alike
+def is_beyond(row: int, tables: Ints, intervals: Ints) -> bool:
+    """Whether a table that was read was asked beyond its scattered points."""
+    if tables[row, METHOD] != SIMPLICES:
+        return False
+    find = tables[row, FIRST_AXIS + tables[row, AXES] * PER_AXIS + FIND]
+    return bool(intervals[find, MISSED] > 0)
+
+
+@strictly_alike
 def read(
     row: int, figures: Floats, axes: Ints, tables: Ints, places: Floats, intervals: Ints
 ) -> float:
     """A table at arguments that have been sought."""
     count, values = tables[row, AXES], tables[row, VALUES]
+    if tables[row, METHOD] == SIMPLICES:
+        return _among_points(row, figures, tables, places, intervals)
     if tables[row, METHOD] == CUBIC:
         return _cubics(figures, axes, tables, row, count, values, places, intervals)
     return _linear(figures, tables, row, count, values, places, intervals)
@@ -290,9 +323,16 @@ def look_up(
         find, asked = tables[row, FIRST_AXIS + axis * PER_AXIS + FIND], float(r[at + axis])
         if asked != asked:
             return asked
+        intervals[find, MISSED] = 0
         if seek(find, asked, figures, axes, places, intervals):
             note_outside(notes, row, axis, asked, intervals[find, MISSED] - 1)
-    return read(row, figures, axes, tables, places, intervals)
+    value = read(row, figures, axes, tables, places, intervals)
+    if is_beyond(row, tables, intervals):
+        count = tables[row, AXES]
+        find = tables[row, FIRST_AXIS + count * PER_AXIS + FIND]
+        note_outside(notes, row, count, places[find, BEYOND], intervals[find, MISSED] - 1)
+        intervals[find, MISSED] = 0
+    return value
 
 
 @strictly_alike

@@ -30,6 +30,7 @@ from hybrid.engine.arrays import (
 from hybrid.engine.lookup import new_places, pack
 from hybrid.engine.propagator import propagators
 from hybrid.machine import Analog, Floats, Holder, Machine, Pen, Sampler, StepEvent
+from hybrid.meshes import searches
 from hybrid.scale import to_seconds
 from hybrid.tables import Axis, Table
 from hybrid.tape import Tape
@@ -205,7 +206,7 @@ def written_deck(tape: Tape) -> Deck:
     finds, looks = list[Axis](), list[tuple[Table, range] | None]()
     for site in tape.sites:
         first = len(finds)
-        finds += site.table.axes if site.table else ()
+        finds += searches(site.table) if site.table else ()
         looks.append((site.table, range(first, len(finds))) if site.table else None)
     return Deck(
         tape.code,

@@ -51,10 +51,12 @@ class Outside:
 
     def __str__(self) -> str:
         site, unit = self.site, self.site.units[self.argument]
-        asked = (
-            f"{known_as(site.function)} in word {known_as(site.word)!r} was asked for "
-            f"{site.arguments[self.argument]} = {beyond_text(self.value, unit, *self.range)}"
-        )
+        if site.table and self.argument == len(site.table.axes):
+            place = f"a place beyond its points, by {self.value:.3g} of their range"
+        else:
+            beyond = beyond_text(self.value, unit, *self.range)
+            place = f"{site.arguments[self.argument]} = {beyond}"
+        asked = f"{known_as(site.function)} in word {known_as(site.word)!r} was asked for {place}"
         if self.action == STOPS:
             return asked
         often = "once" if self.times == 1 else f"{self.times} times, first"

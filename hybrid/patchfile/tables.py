@@ -6,12 +6,14 @@ import csv
 import itertools
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
+from typing import TypeVar
 
 import numpy as np
 
 from hybrid.errors import PatchError, Place, did_you_mean, quoted
 from hybrid.fields import Fields, in_words, table_of
 from hybrid.language import TABLE_KEYS
+from hybrid.meshes import check_spread, scattered_table, twice
 from hybrid.patchfile.book import Book
 from hybrid.tables import (
     METHODS,
@@ -33,6 +35,7 @@ from hybrid.units import (
 )
 from hybrid.yamltree import Text, Tree, kind_of
 
+_Found = TypeVar("_Found")
 _KEYS = {key.name: key for key in TABLE_KEYS}
 UNCLOSED = "a quotation mark opens a cell that has no end on its line; close it, or leave it out"
 
@@ -76,22 +79,46 @@ def _table(book: Book, name: str, fields: Fields, place: Place) -> Table:
     if len(given) != 1:
         what = "both values and file; keep one" if given else "neither values nor file; give one"
         raise PatchError(f"{fields.what} has {what} of them", place)
-    if given == ["values"]:
-        if "output" in fields.table.entries:
-            raise PatchError(
-                f"{fields.what}: output names a column of a file; leave it out",
-                fields.place("output"),
-            )
-        points, values = _inline(fields, inputs, output)
-    else:
-        points, values = _from_file(book, fields, inputs, output)
+    if given == ["values"] and "output" in fields.table.entries:
+        raise PatchError(
+            f"{fields.what}: output names a column of a file; leave it out", fields.place("output")
+        )
     method = METHODS[fields.choice(_KEYS["method"])]
     action = OUTSIDE[_KEYS["outside"].choices[fields.choice(_KEYS["outside"])]]
+    if method == "simplices":
+        return _between_points(book, fields, inputs, output, action)
+    read = _inline(fields, inputs, output) if given == ["values"] else None
+    points, values = read or _from_file(book, fields, inputs, output)
     axes = tuple(
-        Axis(column.name, np.array(p), (p[0], p[-1]), action, action, column.dimension)
-        for column, p in zip(inputs, points, strict=True)
+        _axis(column, p, (p[0], p[-1]), action) for column, p in zip(inputs, points, strict=True)
     )
     return Table(name, axes, values, method, output.dimension)
+
+
+def _axis(column: _Column, points: Sequence[float], ends: tuple[float, float], action: int) -> Axis:
+    return Axis(column.name, np.array(points), ends, action, action, column.dimension)
+
+
+def _between_points(
+    book: Book, fields: Fields, inputs: tuple[_Column, ...], output: _Column, action: int
+) -> Table:
+    """A table whose points lie anywhere."""
+    if "file" in fields.table.entries:
+        sheet = _read_sheet(book, fields, inputs, output)
+        rows, places = sheet.rows, [sheet.place(row) for row in range(len(sheet.rows))]
+    else:
+        rows, places = _leaves(fields, inputs, output)
+    data = np.array(rows).reshape(-1, len(inputs) + 1)
+    points, values = data[:, :-1], data[:, -1]
+    if (same := twice(points)) is not None:
+        raise PatchError(
+            f"{fields.what}: a point stands at the place of an earlier one", places[same]
+        )
+    _checked(lambda: check_spread(points), fields.what, places[0])
+    ends = [(float(p.min()), float(p.max())) for p in points.T]
+    axes = tuple(_axis(column, e, e, action) for column, e in zip(inputs, ends, strict=True))
+    table = Table(output.name, axes, values, dimension=output.dimension)
+    return _checked(lambda: scattered_table(table, points, values, action), fields.what, places[0])
 
 
 def _inputs(fields: Fields) -> tuple[_Column, ...]:
@@ -122,9 +149,9 @@ def _column(name: str, tree: Tree | None, fields: Fields) -> _Column:
     return _Column(name, unit, dimension)
 
 
-def _checked(check: Callable[[], None], what: str, place: Place) -> None:
+def _checked(check: Callable[[], _Found], what: str, place: Place) -> _Found:
     try:
-        check()
+        return check()
     except TableError as error:
         raise PatchError(f"{what}: {error}", place) from None
 
@@ -169,6 +196,31 @@ def _inline(
     return found, np.array(values).reshape([len(points) for points in found])
 
 
+def _leaves(
+    fields: Fields, inputs: tuple[_Column, ...], output: _Column
+) -> tuple[list[tuple[float, ...]], list[Place]]:
+    """The same nested mappings, whose levels need not be alike: every value with the way to it."""
+    rows: list[tuple[float, ...]] = []
+    places: list[Place] = []
+
+    def level(tree: Tree, way: tuple[float, ...]) -> None:
+        column = inputs[len(way)]
+        what = f"{fields.what}, places along {column.name}"
+        for text, item, at in table_of(tree, what, f"{column.name}: value"):
+            here = (*way, column.number(text, at, what))
+            if len(here) < len(inputs):
+                level(item, here)
+            elif isinstance(item, Text) and item.text:
+                value = output.number(item.text, item.place, f"{fields.what} at {text}")
+                rows.append((*here, value))
+                places.append(at)
+            else:
+                raise PatchError(f"{fields.what} at {text} needs a number, not {kind_of(item)}", at)
+
+    level(fields.tree("values"), ())
+    return rows, places
+
+
 # --- values in a file -----------------------------------------------------------------------------
 
 
@@ -188,10 +240,7 @@ def _from_file(
     book: Book, fields: Fields, inputs: tuple[_Column, ...], output: _Column
 ) -> tuple[list[list[float]], Floats]:
     """Columns of a CSV file with a line of headings: a row for every combination of breakpoints."""
-    tree = fields.tree("file")
-    path = Text(fields.text("file"), tree.place)
-    file, text = book.files.read(path, fields.what)
-    sheet = _sheet(file, text, fields, inputs, output)
+    sheet = _read_sheet(book, fields, inputs, output)
     points = [_distinct(sheet, i, column.name) for i, column in enumerate(inputs)]
     first = sheet.place(0)
     for column, found in zip(inputs, points, strict=True):
@@ -201,6 +250,13 @@ def _from_file(
     _check_complete(sheet, inputs, points)
     values = np.array([row[-1] for row in sheet.rows])
     return points, values.reshape([len(p) for p in points])
+
+
+def _read_sheet(book: Book, fields: Fields, inputs: tuple[_Column, ...], output: _Column) -> _Sheet:
+    tree = fields.tree("file")
+    path = Text(fields.text("file"), tree.place)
+    file, text = book.files.read(path, fields.what)
+    return _sheet(file, text, fields, inputs, output)
 
 
 def _sheet(
