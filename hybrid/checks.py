@@ -10,7 +10,7 @@ from __future__ import annotations
 from dataclasses import asdict, dataclass
 from typing import TYPE_CHECKING, Any
 
-from hybrid import coupling
+from hybrid import coupling, shots
 from hybrid.arguments import Parameters, Source, machine_of
 from hybrid.components import CATALOG
 from hybrid.components.delay import DEFAULT_ORDER, good_to
@@ -28,6 +28,7 @@ from hybrid.record import full_scales, machine_facts, signal_units
 from hybrid.roundoff import lost_constants
 from hybrid.runs import check_windows, thinning, thinning_text
 from hybrid.scale import time_scale_text, to_seconds, to_ticks
+from hybrid.shots import ShotRow, check_shots
 from hybrid.timeline import build_timeline
 from hybrid.trial import Trial, Use, try_out, uses
 from hybrid.workload import TaskRow, task_rows, to_dicts
@@ -119,6 +120,7 @@ class Check:
     warnings: tuple[str, ...] = ()
     tasks: tuple[TaskRow, ...] = ()  # the work of the digital machine
     delays: tuple[DelayRow, ...] = ()
+    shots: tuple[ShotRow, ...] = ()  # published values of models, and what is found
 
     def to_dict(self) -> dict[str, Any]:
         """Everything as plain data."""
@@ -138,6 +140,7 @@ class Check:
             "prediction": self.prediction,
             "events": self.events,
             "tasks": to_dicts(self.tasks),
+            "shots": shots.to_dicts(self.shots),
             "warnings": list(self.warnings),
         }
 
@@ -161,6 +164,7 @@ class Check:
         ]
         lines += [f"  {row.converter} ({row.kind}): {row.remark}" for row in self.converters]
         lines += [f"  loop: {' -> '.join(loop.path)}" for loop in self.loops.listed]
+        lines += [f"  {told}" for told in shots.columns(self.shots)[2]]
         lines += [f"  warning: {warning}" for warning in self.warnings]
         return "\n".join([*lines, f"  prediction: {self.prediction}"])
 
@@ -196,6 +200,7 @@ def check(
     pots, rows = _pots(compiled), task_rows(compiled, timeline)
     if tried and any(task.when for task in compiled.timing.tasks):
         rows = tried.tasks
+    compared, disagreeing = check_shots(compiled.patch)
     return Check(
         compiled,
         tried,
@@ -212,9 +217,11 @@ def check(
             *rate_warnings(tested),
             *lost_constants(compiled),
             *workload_warnings(compiled, rows),
+            *disagreeing,
         ),
         rows,
         _delays(compiled),
+        tuple(compared),
     )
 
 

@@ -48,6 +48,7 @@ class Variable:
     is_output: bool
     place: Place
     limits: tuple[float, float] = (-math.inf, math.inf)
+    initial: float | None = None  # what an input is where nothing is given
 
 
 @dataclass(frozen=True)
@@ -56,6 +57,8 @@ class Model:
 
     variables: Mapping[str, Variable]
     prefix: str
+    file: str = ""
+    shots: tuple[Element, ...] = ()  # to check it by, read when that is done
 
     def inside(self, id_: str) -> str:
         """The name of a variable, in the units of the file, in arithmetic; see `errors.known_as`."""
@@ -101,7 +104,9 @@ def read_model(text: str, file: str, prefix: str) -> Model:
     if root.tag != "DAVEfunc":
         raise PatchError(f"<{root.tag}> is no DAVE-ML; the first element is <DAVEfunc>", root.place)
     reader = _Reader(root, prefix)
-    model = Model({id_: reader.variable(e) for id_, e in reader.defined.items()}, prefix)
+    variables = {id_: reader.variable(e) for id_, e in reader.defined.items()}
+    shots = [shot for data in root.all("checkData") for shot in data.all("staticShot")]
+    model = Model(variables, prefix, file, tuple(shots))
     needs = {id_: _needs(v, model) for id_, v in model.variables.items()}
     loop = find_loop(needs)
     if loop:
@@ -196,6 +201,7 @@ class _Reader:
             element.first("isOutput") is not None,
             element.place,
             (limits[0], limits[1]),
+            _number(element, "initialValue", 0.0) if "initialValue" in element.attributes else None,
         )
 
     def function(self, function: Element, id_: str) -> Node:
@@ -354,6 +360,11 @@ def _number(element: Element, key: str, default: float) -> float:
     """A number in an attribute."""
     text = element.attributes.get(key)
     return default if text is None else _float(text.strip(), element, key)
+
+
+def number_in(element: Element) -> float:
+    """The number that an element holds."""
+    return _float(element.text.strip(), element, f"<{element.tag}>")
 
 
 def _numbers(element: Element) -> list[float]:

@@ -12,6 +12,7 @@ import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 
+from hybrid.daveml import Model
 from hybrid.errors import NOWHERE, PatchError, Place, did_you_mean, quoted
 from hybrid.expressions import ExpressionError, Node, Number, evaluate, names
 from hybrid.graph import dependency_order, find_loop
@@ -352,6 +353,7 @@ class Patch:
     time_scale: Value | None = None
     files: Mapping[str, str] = field(default_factory=dict)  # SHA-256 of those it names
     on: Mapping[str, str] = field(default_factory=dict)  # what was put on which machine
+    models: tuple[Model, ...] = ()  # whose variables the program may read
 
     def bind(self, overrides: Mapping[str, float] | None = None) -> dict[str, float]:
         """Every parameter as an SI number, `overrides` (SI) replacing defaults.

@@ -185,9 +185,7 @@ def _by_hand(machine: Machine, names: list[str]) -> tuple[Floats, Floats]:
 
 def _without_errors(stage: OutputStage) -> OutputStage:
     """The same lag and word length, and nothing else that is not as it should be."""
-    return replace(
-        stage, gain=1.0, offset=0.0, noise=0.0, saturation=math.inf, pot_resolution=0.0
-    )
+    return replace(stage, gain=1.0, offset=0.0, noise=0.0, saturation=math.inf, pot_resolution=0.0)
 
 
 def _with_stages(machine: Machine, stages: dict[str, OutputStage]) -> Machine:

@@ -7,6 +7,7 @@ from rich.markup import escape
 
 from hybrid.checks import PHASE_ERROR, Check
 from hybrid.loops import loops_text
+from hybrid.shots import columns as columns_of_shots
 from hybrid.show import figure, show_table, speed_text
 from hybrid.workload import columns, total_utilisation, work_text
 
@@ -38,6 +39,9 @@ def show_check(console: Console, check: Check) -> None:
     _show_delays(console, check)
     _show_converters(console, check)
     _show_tasks(console, check)
+    if check.shots:
+        names, cells, _ = columns_of_shots(check.shots)
+        show_table(console, "Check shots of models", names, cells, texts=1)
     loops = [
         (" -> ".join(loop.path), figure(loop.lag_s, 4), "sampled" if loop.sampled else "analog")
         for loop in check.loops.listed

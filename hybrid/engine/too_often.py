@@ -7,8 +7,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from hybrid.engine.circuit import Circuit
 from hybrid.engine.arrays import Floats
+from hybrid.engine.circuit import Circuit
 from hybrid.engine.switching import chatters, closes_in, count_change
 
 

@@ -83,6 +83,7 @@ def parse_patch(text: str, file: str = "<text>", on: Placement = None) -> Patch:
         read_modes(book),
         read_time_scale(book),
         book.files.hashes,
+        models=tuple(use.model for use in book.models.values()),
     )
     _try_numbers(patch, [scale.value for scale in full_scales.values()])
     habits = usual_habits(book)
