@@ -150,15 +150,12 @@ def _kind(loop: _Loop) -> Hashable:
     """All but figures: what stands where, and what happens in which order."""
     machine, tape = loop.machine, loop.machine.tape
     return (
-        machine.analog.states,
-        machine.analog.inputs,
         machine.analog.sources,
         tuple((holder.word, holder.input) for holder in machine.holders),
         tape.starts[:, 1:].tobytes(),
         tape.memory[:, Memory.LENGTH].tobytes(),
         loop.program.shared.tobytes(),
         loop.sizes,
-        loop.in_flight,
         loop.events,
     )
 

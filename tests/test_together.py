@@ -22,16 +22,18 @@ from hybrid.memo import KeptBySize
 from hybrid.patch import Patch
 from hybrid.together import STACKED, attempt, in_stacks, only, passed_on
 
-# A loop whose machines may differ in more than figures: a lag that is 0, rows that fall in with the
-# cycle or not, results on their way, a program that divides by 0, a mode that runs away in a cycle.
+# A loop whose machines may differ in more than figures: one lag or the other is 0, or what the program
+# remembers is not read, rows fall in with the cycle or not, results are on their way; a program that
+# divides by 0, a mode that runs away in a cycle.
 PATCH = """
 title: Mixed
-parameters: {rate: 10 rad/s, cycle: 1 ms, compute: 0.5 ms, tau: 1 us, k: 1, growth: 0 1/s, row: 5 ms}
+parameters: {rate: 10 rad/s, cycle: 1 ms, compute: 0.5 ms, tau: 1 us, k: 1, growth: 0 1/s, hold: 0,
+  late: 0 s, row: 5 ms}
 analog:
   v: {integrate: {pull: rate, v: growth}, initial: 0, full_scale: 1, tau: tau, noise: 0}
-  x: {integrate: {v: rate}, initial: 0.1, full_scale: 1}
+  x: {integrate: {v: rate}, initial: 0.1, full_scale: 1, tau: late, noise: 0}
 interface: {s: {adc: x}, pull: {dac: w, full_scale: 1, initial: 0}}
-digital: {period: cycle, compute_time: compute, program: {w: -s / k}}
+digital: {period: cycle, compute_time: compute, remember: {w: 0}, program: {w: -s/k - hold*previous(w)}}
 run: {until: 1 s, every: row}
 readouts: {mode: {transient: x}}
 """
@@ -41,6 +43,8 @@ POINTS: list[dict[str, float]] = [
     {"cycle": 7e-3, "compute": 7e-3},
     {"k": 0.0},
     {"tau": 0.0},
+    {"tau": 0.0, "late": 1e-6},
+    {"hold": 0.2},
     {"rate": 300.0},
     {"growth": 1e6},
     {"compute": 0.0},
