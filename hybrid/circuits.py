@@ -342,7 +342,7 @@ class _CircuitLayout(AnalogLayout):
             follows,
             initial,
             MODE_ELEMENT if self.patch.leaves_op else None,
-            (core.feedback, float(component.kind == "lag")),
+            (core.feedback - stage.leak, float(component.kind == "lag")),
             limits=limits,
             initial=initial,
             saturation=stage.saturation,

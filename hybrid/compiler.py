@@ -206,6 +206,10 @@ def _output_stage(
     if noise == 0 and isinstance(part, Component) and part.kind == "constant":
         tau = 0.0  # settled before the run and never moves again: its lag would cost and do nothing
     step_mu = _step_mu(part.bits, 1.0, preset) if isinstance(part, Dac) else 0.0
+    leak_limit = 0.0
+    if isinstance(part, Component) and kind == "integrate":
+        limit = part.values.get("leak_limit") or common.get("leak_limit")
+        leak_limit = limit.number(scope) if limit else preset.leak_limit
     return OutputStage(
         tau,
         gain,
@@ -216,6 +220,8 @@ def _output_stage(
         resolution,
         tolerance,
         offset_limit,
+        leak_limit * abs(unit_error(serial, part.name, "leak")) if leak_limit else 0.0,
+        leak_limit,
     )
 
 

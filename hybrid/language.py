@@ -107,6 +107,15 @@ ERROR_KEYS = (
     ),
 )
 
+# Of integrators, and of a machine for all of them.
+LEAK_LIMIT = Key(
+    "leak_limit",
+    Holds.QUANTITY,
+    "of an integrator, limit of a leak beside the one given, drawn once per machine serial number",
+    Unit.RATE,
+    Bound.NOT_NEGATIVE,
+)
+
 ADC_KEYS = (
     Key("adc", Holds.SIGNAL, "the analog signal that is sampled and held", required=True),
     Key("bits", Holds.INTEGER, "word length, sign included, 2 to 32", default="no quantisation"),
@@ -456,6 +465,7 @@ MACHINE_KEYS = (
         default="0, any setting",
     ),
     *ERROR_KEYS,
+    LEAK_LIMIT,
 )
 
 TIME_SCALE = Key(

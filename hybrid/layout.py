@@ -326,7 +326,7 @@ class AnalogLayout:
         row = self._core_row(name, c)
         if core and core.dynamic:
             rates[held] += row
-            rates[held, held] += core.feedback
+            rates[held, held] += core.feedback - stage.leak
             rms = stage.gain * self.checked(name, core.noise / self.scale[name])
             noise[held, held] = rms * math.sqrt(-2.0 * core.feedback) if rms else 0.0
             row = np.zeros(len(self.column))
@@ -369,7 +369,7 @@ class AnalogLayout:
         gains = {s: stage.gain * (gain * self.scale[s] / own) for s, gain in core.gains.items()}
         begins = (core.initial or 0.0) / own
         rate = stage.gain * core.constant / own + stage.offset * self.offset_rate(name)
-        return gains, rate + core.feedback * begins
+        return gains, rate + (core.feedback - stage.leak) * begins
 
     def static_balance(self) -> tuple[Floats, Floats]:
         """All static rows as a matrix and figures: matrix @ signals = figures."""

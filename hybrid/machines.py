@@ -22,6 +22,11 @@ github.com/anabrid/the-analog-thing-docs, and the data sheets AD633 (Analog Devi
   over 1 MHz makes 1.25e-4 (data sheet; white noise is our assumption). Divider and square root are
   multipliers in a loop (documentation) and are given the same figures.
 - Offset of a TL074H typically 1 mV (data sheet), doubled by an amplifier of gain 1: up to 2e-4.
+- Leak of integrators: their capacitors, Panasonic ECHU(X) of PPS film (parts list), have an
+  insulation resistance of 3000 Mohm at least (data sheet: 20 C, after 60 s). It stands beside an
+  input of 1 Mohm (parts list), so an integrator of 1/s loses up to 1/3000 a second, whatever its
+  capacitance. The finite gain of the amplifiers is left out. For `howe_1964` we found no figure that
+  could be verified.
 - Our estimates: a lag of 1 us, 1 Mohm (parts list) times 1 pF of stray capacitance; noise 1e-5, the
   thermal noise of two such resistors over that bandwidth.
 """
@@ -46,6 +51,7 @@ class Preset:
     noise: float  # rms
     converters_exact: bool  # no quantisation and no clipping in ADC and DAC
     saturation: float = math.inf  # full scales
+    leak_limit: float = 0.0  # 1/s, of integrators
     kinds: Mapping[str, Mapping[str, float]] = field(
         default_factory=dict
     )  # what some kinds differ in
@@ -102,6 +108,7 @@ PRESETS: Mapping[str, Preset] = MappingProxyType(
                 noise=1e-5,
                 converters_exact=False,
                 saturation=1.15,
+                leak_limit=3.3e-4,
                 kinds={
                     **_alike(("integrate", "lag"), tolerance=2.1e-2),
                     **_alike(("coefficient",), tolerance=1e-3),

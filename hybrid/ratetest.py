@@ -171,6 +171,7 @@ def _by_hand(machine: Machine, names: list[str]) -> tuple[Floats, Floats]:
         offset = abs(stage.offset) + stage.offset_limit
         limits = [replace(exact[name], gain=1.0 + stage.tolerance)] * (stage.tolerance != 0.0)
         limits += [replace(exact[name], offset=offset)] * (offset != 0.0)
+        limits += [replace(exact[name], leak=stage.leak_limit)] * (stage.leak_limit != 0.0)
         tolerances += abs(stage.tolerance)
         errors += [(name, limit) for limit in limits]
     for change in changes_of_rates(_with_stages(machine, exact), names, errors):
@@ -185,7 +186,9 @@ def _by_hand(machine: Machine, names: list[str]) -> tuple[Floats, Floats]:
 
 def _without_errors(stage: OutputStage) -> OutputStage:
     """The same lag and word length, and nothing else that is not as it should be."""
-    return replace(stage, gain=1.0, offset=0.0, noise=0.0, saturation=math.inf, pot_resolution=0.0)
+    return replace(
+        stage, gain=1.0, offset=0.0, leak=0.0, noise=0.0, saturation=math.inf, pot_resolution=0.0
+    )
 
 
 def _with_stages(machine: Machine, stages: dict[str, OutputStage]) -> Machine:

@@ -6,7 +6,7 @@ import math
 from collections.abc import Mapping
 
 from hybrid.components.base import Core, Given, Kind
-from hybrid.language import Bound, Holds, Key, Unit
+from hybrid.language import LEAK_LIMIT, Bound, Holds, Key, Unit
 
 
 class Sum(Kind):
@@ -67,6 +67,7 @@ class Integrate(Kind):
             Bound.NOT_NEGATIVE,
             default="0 1/s",
         ),
+        LEAK_LIMIT,
         Key("low", Holds.QUANTITY, "the integrator stops here, below", Unit.OWN),
         Key("high", Holds.QUANTITY, "the integrator stops here, above", Unit.OWN),
     )

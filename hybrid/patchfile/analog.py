@@ -9,6 +9,7 @@ from hybrid.fields import Fields, one_kind, table_of, unit_words
 from hybrid.language import (
     ERROR_KEYS,
     FULL_SCALE,
+    LEAK_LIMIT,
     MACHINE_KEYS,
     TIME_SCALE,
     TOP_KEYS,
@@ -33,7 +34,7 @@ def read_machine(book: Book) -> MachineSettings:
     return MachineSettings(
         _preset(fields.text("preset", "nominal"), fields.place("preset")),
         fields.integer("serial", 1),
-        fields.quantities(ERROR_KEYS),
+        fields.quantities((*ERROR_KEYS, LEAK_LIMIT)),
         tree.place,
         fields.quantities(MACHINE_KEYS).get("pot_resolution"),
     )
