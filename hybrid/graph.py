@@ -77,6 +77,35 @@ def simple_loops(follows: Mapping[str, list[str]], most: int = 100) -> list[tupl
     return found
 
 
+def loop_groups(follows: Mapping[str, Sequence[str]]) -> dict[str, int]:
+    """A number for each name, the same for two that reach each other: Kosaraju's two searches."""
+    before: dict[str, list[str]] = {name: [] for name in follows}
+    for name, targets in follows.items():
+        for target in targets:
+            if target in before:
+                before[target].append(name)
+    finished, seen = list[str](), set[str]()
+    for root in follows:
+        stack = [] if root in seen else [(root, iter(follows[root]))]
+        seen.add(root)
+        while stack:
+            new = next((t for t in stack[-1][1] if t in before and t not in seen), None)
+            if new is None:
+                finished.append(stack.pop()[0])
+            else:
+                seen.add(new)
+                stack.append((new, iter(follows[new])))
+    group: dict[str, int] = {}
+    for number, root in enumerate(reversed(finished)):
+        todo = [] if root in group else [root]
+        group.setdefault(root, number)
+        while todo:
+            more = [name for name in before[todo.pop()] if name not in group]
+            group |= dict.fromkeys(more, number)
+            todo += more
+    return group
+
+
 def short_loops(
     follows: Mapping[str, list[str]], roots: Sequence[str], most: int
 ) -> tuple[list[tuple[str, ...]], bool]:
@@ -86,7 +115,9 @@ def short_loops(
     search ends with `most` loops, or after MOST_STEPS.
     """
     found: list[tuple[str, ...]] = []
-    place = {name: i for i, name in enumerate(roots)}
+    place, group = {name: i for i, name in enumerate(roots)}, loop_groups(follows)
+    # What leaves a group never comes back.
+    follows = {n: [t for t in follows[n] if group.get(t) == group[n]] for n in follows}
     queue = collections.deque[tuple[str, ...]]((name,) for name in roots)
     for _ in range(MOST_STEPS):
         if not queue or len(found) >= most:

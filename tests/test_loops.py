@@ -1,5 +1,10 @@
 """The loops that a check tells of: all of few, the shortest of many."""
 
+import itertools
+import random
+
+import pytest
+
 import hybrid
 from hybrid.cli import main
 from hybrid.graph import short_loops
@@ -14,6 +19,33 @@ def test_loops_of_a_graph_come_by_length_and_each_once():
     assert short_loops(follows, sorted(follows), 2) == (found[:2], False)
     # Through a name that is wanted only: those without it are left out.
     assert short_loops(follows, ["b"], 10)[0] == [("b", "a"), ("b", "c", "a")]
+
+
+def test_what_never_comes_back_is_not_searched():
+    """Behind the loop are 10^12 ways to the end."""
+    layers = [[f"x_{i}_{k}" for k in range(10)] for i in range(12)]
+    follows = {"a": ["b"], "b": ["a", *layers[0]]}
+    for layer, after in zip(layers, [*layers[1:], ["end"]], strict=True):
+        follows |= dict.fromkeys(layer, after)
+    assert short_loops(follows, sorted(follows), 10) == ([("a", "b")], True)
+
+
+@pytest.mark.parametrize("seed", range(20))
+def test_loops_of_any_graph_are_those_of_all_orders(seed):
+    """Every choice and order of names that follow each other in a circle, begun at its first name."""
+    rng = random.Random(seed)
+    names = "abcdef"
+    follows = {n: sorted(t for t in names if rng.random() < 0.3) for n in names}
+    expected = {
+        order
+        for count in range(1, 7)
+        for order in itertools.permutations(names, count)
+        if order[0] == min(order)
+        and all(b in follows[a] for a, b in zip(order, (*order[1:], order[0]), strict=True))
+    }
+    found, complete = short_loops(follows, names, 10_000)
+    assert complete
+    assert set(found) == expected and len(found) == len(expected)
 
 
 def test_few_loops_are_all_told():

@@ -331,6 +331,10 @@ def _frame(
     noise_rates = sorted({1.0 / shapes[i][_LAG_S] for i in noisy})
     noisy_rows = [(i, noise_rates.index(1.0 / shapes[i][_LAG_S])) for i in noisy]
     rows, reads = np.full((len(order), 14), -1), [_reads(s) for s in shapes]
+    read_at: dict[str, int] = {}  # by which element first
+    for i, names in enumerate(reads):
+        for name in names:
+            read_at.setdefault(name, i)
     for i, (name, s) in enumerate(zip(order, shapes, strict=True)):
         rows[i, KIND], rows[i, CONTROL] = s[_KIND], _control(name, s, inputs, place)
         rows[i, RESET] = -1 if s[_RESET] is None else place[s[_RESET]]
@@ -342,7 +346,7 @@ def _frame(
             corners.append((i, role, pieces, first))
         if s[_LAG_S] > 0.0:
             rows[i, LAG] = laws.setdefault((1.0 / s[_LAG_S], 1.0 / s[_LAG_S]), len(laws))
-        rows[i, TEAR] = any(name in other for other in reads[: i + 1])
+        rows[i, TEAR] = read_at.get(name, len(order)) <= i
         rows[i, NOISE] = noisy.index(i) if s[_NOISE] > 0.0 else -1
         rows[i, PLAIN] = s[_KIND] in (SUM, PRODUCT, INTEGRATE) and not s[_CORNERS]
     sums = [terms for s in shapes for terms in (s[_FIRST], s[_SECOND])]

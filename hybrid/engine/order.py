@@ -37,48 +37,49 @@ def _ordered(
     names, rank = [name for name, _, _ in parts], [rank for _, _, rank in parts]
     place = {name: i for i, name in enumerate(names)}
     edges = {(place[r], place[name]) for name, reads, _ in parts for r in reads}
-    loops = [g for g in _groups(len(names), edges) if len(g) > 1 or (g[0], g[0]) in edges]
+    feeds: list[set[int]] = [set() for _ in names]  # what is left of them as loops are cut
+    for a, b in edges:
+        feeds[a].add(b)
+    loops = _loops(range(len(names)), feeds)
     looped = {i for g in loops for i in g}
-    kept = set(edges)
     while loops:
         group = loops.pop()
-        cut = min(group, key=lambda i: (rank[i], -_fan(kept, i, group), i))
+        within = set(group)
+        cut = min(group, key=lambda i: (rank[i], -len(feeds[i] & within), i))
         if rank[cut] == FORGETS:
             raise ValueError(
                 f"a loop without integrator or lag: {', '.join(names[i] for i in group)}"
             )
-        kept = {(a, b) for a, b in kept if a != cut or b not in group}
-        inside = {(a, b) for a, b in kept if a in group and b in group}
-        loops += [g for g in _groups(len(names), inside) if len(g) > 1 or (g[0], g[0]) in inside]
-    kept = _mended(kept, edges - kept)
+        feeds[cut] -= within
+        loops += _loops(group, feeds)
+    _mend(feeds, edges)
     before, after = reach(edges, looped, 0), reach(edges, looped, 1)
     section = [0 if i not in after else 2 if i not in before else 1 for i in range(len(names))]
-    readers = {i: sorted(a for a, b in kept if b == i) for i in range(len(names))}
+    readers: dict[int, list[int]] = {i: [] for i in range(len(names))}
+    for a, targets in enumerate(feeds):
+        for b in targets:
+            readers[b].append(a)
     ordered = sorted(TopologicalSorter(readers).static_order(), key=lambda i: section[i])
     heads, cores = section.count(0), section.count(0) + section.count(1)
     return tuple(names[i] for i in ordered), (heads, cores)
 
 
-def _mended(kept: set[tuple[int, int]], cut: set[tuple[int, int]]) -> set[tuple[int, int]]:
-    """As many of the cut edges put back as close no loop: their readers then see the new value.
+def _mend(feeds: Sequence[set[int]], edges: set[tuple[int, int]]) -> None:
+    """Put as many of the cut edges back as close no loop: their readers then see the new value.
 
     A sweep through two integrators in a ring brings them closer by the square of what it does where
     both read what the other was.
     """
-    readers: dict[int, set[int]] = {}
-    for a, b in kept:
-        readers.setdefault(a, set()).add(b)
-    for a, b in sorted(cut):
-        if a not in _reached(readers, b):
-            readers.setdefault(a, set()).add(b)
-    return {(a, b) for a, those in readers.items() for b in those}
+    for a, b in sorted(edges):
+        if b not in feeds[a] and a not in _reached(feeds, b):
+            feeds[a].add(b)
 
 
-def _reached(readers: Mapping[int, set[int]], seed: int) -> set[int]:
+def _reached(feeds: Sequence[set[int]], seed: int) -> set[int]:
     """The seed and all that depends on it."""
     found, waiting = {seed}, [seed]
     while waiting:
-        more = readers.get(waiting.pop(), set()) - found
+        more = feeds[waiting.pop()] - found
         found |= more
         waiting += more
     return found
@@ -89,20 +90,17 @@ def _rank(element: Element) -> int:
     return 0 if element.kind == INTEGRATE else 1 if element.remembers() else FORGETS
 
 
-def _fan(edges: set[tuple[int, int]], i: int, group: Sequence[int]) -> int:
-    return sum(a == i and b in group for a, b in edges)
-
-
-def _groups(n: int, edges: set[tuple[int, int]]) -> list[list[int]]:
-    """Strongly connected groups of the numbers below n."""
-    matrix = csr_array(
-        (np.ones(len(edges)), ([a for a, _ in edges], [b for _, b in edges])), shape=(n, n)
-    )
+def _loops(of: Sequence[int], feeds: Sequence[set[int]]) -> list[list[int]]:
+    """Groups of these numbers in which each reaches each, by the edges among them."""
+    place = {i: k for k, i in enumerate(of)}
+    ends = [(k, place[b]) for k, a in enumerate(of) for b in feeds[a] if b in place]
+    rows, columns = [a for a, _ in ends], [b for _, b in ends]
+    matrix = csr_array((np.ones(len(ends)), (rows, columns)), shape=(len(of), len(of)))
     _, label = connected_components(matrix, connection="strong")
     groups: dict[int, list[int]] = {}
-    for i in range(n):
-        groups.setdefault(int(label[i]), []).append(i)
-    return list(groups.values())
+    for i, number in zip(of, label.tolist(), strict=True):
+        groups.setdefault(number, []).append(i)
+    return [g for g in groups.values() if len(g) > 1 or g[0] in feeds[g[0]]]
 
 
 def reach(edges: set[tuple[int, int]], seeds: set[int], way: int) -> set[int]:
