@@ -19,6 +19,7 @@ from hybrid.scale import to_seconds
 from hybrid.tables import STOPS
 from hybrid.tasks import ROUNDING
 from hybrid.wordlength import LARGEST_SINGLE, Kind
+from hybrid.workload import beyond_the_processor
 
 # Functions asked beyond their range that the note of a run tells of.
 MOST_OUTSIDE = 3
@@ -118,10 +119,10 @@ def _held_note(player: Player) -> str:
 
 
 def _too_much(machine: Machine) -> str:
-    """That the clocks of the tasks ask for more than the processor has; ''."""
+    """That the tasks, or the operations of the program, ask for more than the processor has; ''."""
     total = utilisation(machine.timing.tasks)
     if total <= 1.0 + ROUNDING:
-        return ""
+        return beyond_the_processor(machine)
     return f"the tasks ask for {100 * total:.4g} % of the processor's time, so cycles are left out"
 
 

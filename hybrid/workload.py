@@ -142,6 +142,8 @@ def warnings(machine: Machine, rows: Sequence[TaskRow]) -> list[str]:
         found.append(
             f"{first.place}: the tasks ask for {100 * total:.4g} % of the processor's time"
         )
+    if too_slow := beyond_the_processor(machine):
+        found.append(too_slow)
     for row in rows:
         if row.overruns:
             task = tasks[row.task]
@@ -151,6 +153,21 @@ def warnings(machine: Machine, rows: Sequence[TaskRow]) -> list[str]:
                 f"before has ended; they are {does[task.overrun]} (overrun: {task.overrun})"
             )
     return found
+
+
+def beyond_the_processor(machine: Machine) -> str:
+    """That the one program has more operations in a cycle than its processor has time for; ''.
+
+    A compute time that is given may be that of a pipeline of several processors.
+    """
+    program, timing = machine.patch.program, machine.timing
+    if program is None or not program.counted or timing.compute <= timing.period:
+        return ""
+    share = 100 * timing.compute / timing.period
+    return (
+        f"{program.place}: the operations of a cycle take {share:.4g} % of the period on this "
+        "processor; it is played as if several took turns"
+    )
 
 
 def to_dicts(rows: Sequence[TaskRow]) -> list[dict[str, Any]]:
