@@ -106,6 +106,7 @@ CHECK = ABOUT | {
     "prediction",
     "events",
     "warnings",
+    "shots",
 }
 ROWS = {
     "scaling": {"signal", "kind", "full_scale", "units", "value", "value_mu", "rate_mu"}
