@@ -8,7 +8,7 @@ from __future__ import annotations
 from hybrid.engine.arrays import Floats
 from hybrid.engine.circuit import Circuit
 from hybrid.engine.compiling import compiled, inlined
-from hybrid.engine.lanes import LANES, add_scaled, combine, copy, fill
+from hybrid.engine.lanes import LANES, combine, copy, weigh
 from hybrid.engine.nodes import Nodes
 from hybrid.engine.sweep import (
     AGE,
@@ -61,14 +61,13 @@ def _read_at_nodes(
     for i in range(LANES):
         x = 2.0 * (place + ratio * grid.marks[min(i, q - 1)]) - 1.0
         legendre[0, i], legendre[1, i] = 1.0, x
-        for n in range(1, degree):
-            legendre[n + 1, i] = ((2 * n + 1) * x * legendre[n, i] - n * legendre[n - 1, i]) / (
-                n + 1
-            )
+    for n in range(1, degree):
+        on, back = (2 * n + 1) / (n + 1), n / (n + 1)
+        for i in range(LANES):
+            x = legendre[1, i]
+            legendre[n + 1, i] = on * x * legendre[n, i] - back * legendre[n - 1, i]
     for k in range(q + 1):
-        fill(weights, k, 0.0)
-        for n in range(degree + 1):
-            add_scaled(weights, k, grid.series[n, k], legendre, n)
+        weigh(weights, k, legendre, 0, grid.series_of[k], 0, degree + 1)
 
 
 @inlined

@@ -17,6 +17,7 @@ from hybrid.engine.sweep import (
     CRUISE,
     JUMPED,
     KNOWN,
+    LEFT,
     NEXT,
     REJECTED,
     RUNG,
@@ -34,7 +35,9 @@ LEAST_DECAY = 0.2
 # The next window aims at this share of what is allowed, and is at most so much longer or shorter.
 AIM = 0.1
 MOST_GROWTH = 2.0
-# A window that leaves more than this share of what is allowed is followed by a shorter one.
+# What is left may rise from window to window; the next one is taken to leave more by as much again,
+# yet by no more than this. Where that is above this share of what is allowed, it is made shorter.
+MOST_RISE = 4.0
 CALM = 0.5
 # From one jump to the next, a window of which nearly nothing is left may be so much longer.
 MOST_LEARNED = 8.0
@@ -46,7 +49,7 @@ PATIENCE = 30
 @compiled
 def begin_short(state: State, jumped: int) -> None:
     """Something jumped: forget the last window, and begin as after the last jump of this kind."""
-    state.clock[AGE], state.clock[NEXT] = 0.0, state.rungs[jumped, 0]
+    state.clock[AGE], state.clock[NEXT], state.clock[LEFT] = 0.0, state.rungs[jumped, 0], 0.0
     state.counts[KNOWN], state.counts[JUMPED], state.counts[RUNG] = 0, jumped, 0
 
 
@@ -98,7 +101,11 @@ def adapt(state: State, taus_s: Floats, length_s: float, share: float, q: int) -
     """Suggest the length of the next window; soon after a jump, what was learned after earlier ones."""
     clock, counts, rungs = state.clock, state.counts, state.rungs[state.counts[JUMPED]]
     cut_short = length_s < 0.8 * clock[NEXT]  # by an instant, not by what signals do
-    change = _change_of_length(share, q, MOST_GROWTH)
+    left = share / length_s ** (q + 1)
+    rise = left / clock[LEFT] if clock[LEFT] > 0.0 else 1.0
+    clock[LEFT] = left
+    expected = share * min(max(rise, 1.0), MOST_RISE)
+    change = _change_of_length(expected, q, MOST_GROWTH)
     tau = _lasting(clock[AGE], taus_s, length_s)
     learned = 0.0
     if not cut_short and counts[RUNG] < RUNGS:
@@ -110,7 +117,7 @@ def adapt(state: State, taus_s: Floats, length_s: float, share: float, q: int) -
             share * max(math.exp(-length_s / tau), LEAST_DECAY), q, MOST_GROWTH
         )
     suggested = length_s * change
-    if not share > CALM:  # else the next one would not be resolved, and be played twice
+    if not expected > CALM:  # else the next one would not be resolved, and be played twice
         suggested = max(suggested, min(length_s, clock[NEXT]))
     if learned > 0.0:
         suggested = learned

@@ -49,6 +49,7 @@ class Nodes(NamedTuple):
     powers: Floats  # (q, POWERS, n): integral over 0 <= x <= c_j of (-x)^m / m! l_k(c_j - x)
     slopes: Floats  # (n, n, n): [m, j, k], derivative number m of l_k at point j
     series: Floats  # (n, n): Legendre coefficients on [0, 1] from the values at the points
+    series_of: Floats  # (n, n): the same, a row for each point
     tail: Floats  # (2, LANES): the last of these and the one before, from the values at the nodes
     tail_of_start: Floats  # (2,): and from that at the start
     between: (
@@ -94,13 +95,25 @@ def nodes(q: int = 8) -> Nodes:
         slopes[m] = legendre.legval(2 * points - 1, legendre.legder(series, m)).T * 2.0**m
     middle = np.append((points[1:] + points[:-1]) / 2, 1.0)
     between = legendre.legvander(2 * middle - 1, q) @ series
+    series_of = np.ascontiguousarray(series.T)
     midway = np.zeros((1 + LANES, LANES))
     midway[: q + 1] = between[np.minimum(np.arange(LANES), q - 1)].T
     tail = np.zeros((2, LANES))
     tail[:, :q] = series[: q - 2 : -1, 1:]
     of_start = series[: q - 2 : -1, 0].copy()
     return Nodes(
-        marks, points, abscissae, basis, powers, slopes, series, tail, of_start, between, midway
+        marks,
+        points,
+        abscissae,
+        basis,
+        powers,
+        slopes,
+        series,
+        series_of,
+        tail,
+        of_start,
+        between,
+        midway,
     )
 
 

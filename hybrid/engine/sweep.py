@@ -124,8 +124,9 @@ TURNED_S, SPAN_S, RATIO, SHRUNK, GAP, SWUNG = range(5, 11)
 TURNS = 6
 # Indices into State.clock: time since the last jump, length of windows where no layer lasts, length of
 # the last window; largest error estimate of a window, and their sum for the ends of the windows; when
-# an overload stopped the run or held the machine; length that the last window suggests for the next.
-AGE, CRUISE, LENGTH, WORST, SUM_OF_ERRORS, OVERLOAD_S, NEXT = range(7)
+# an overload stopped the run or held the machine; length that the last window suggests for the next;
+# what it left of the series, in relation to its length (0: unknown).
+AGE, CRUISE, LENGTH, WORST, SUM_OF_ERRORS, OVERLOAD_S, NEXT, LEFT = range(8)
 # Rows of State.rungs: after a jump of a held input, and after an event. So many windows are learned.
 AFTER_INPUT, AFTER_EVENT = range(2)
 RUNGS = 8
@@ -175,7 +176,7 @@ def new_state(circuit: Circuit, q: int = 8) -> State:
         np.full(3, np.nan),
         np.zeros((n, 6)),
         np.zeros((len(circuit.noisy), p)),
-        np.array([0.0, math.inf, 0.0, 0.0, 0.0, math.nan, first_s]),
+        np.array([0.0, math.inf, 0.0, 0.0, 0.0, math.nan, first_s, 0.0]),
         rungs,
         counts,
         np.zeros(n, dtype=np.int64),
