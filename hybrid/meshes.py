@@ -65,7 +65,10 @@ def check_spread(points: Floats) -> None:
         raise TableError(
             f"it has {count} points; {variables + 1} to {MOST_POINTS} are possible of {variables} inputs"
         )
-    span = np.ptp(points, axis=0)
+    with np.errstate(over="ignore"):
+        span = np.ptp(points, axis=0)
+    if not np.all(span < np.inf):
+        raise TableError("its points lie too far apart for their distance to be a number")
     parts = (points - points.min(axis=0)) / np.where(span > 0.0, span, 1.0)
     spread = np.linalg.svd(parts - parts.mean(axis=0), compute_uv=False)
     if spread[-1] <= FLAT * spread[0] or span.min() == 0.0:

@@ -208,10 +208,9 @@ def _first_moments(machine: Machine, rates_mu: Floats) -> tuple[Start, float, fl
     step_s = wait_s or (
         LITTLE_MU / fastest if fastest > 0.0 else SHARE_OF_RUN * to_seconds(machine.timing.until)
     )
+    # What noise spreads is half the work, and not asked for.
     analog = replace(machine.analog, noise=np.zeros((len(machine.analog.states), 0)))
-    quiet = replace(
-        machine, analog=analog
-    )  # what noise spreads is half the work, and not asked for
+    quiet = replace(machine, analog=analog)
     return first_rates(quiet, wait_s, step_s, INTERVALS), step_s, wait_s
 
 

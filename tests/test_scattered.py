@@ -248,6 +248,30 @@ run: {until: 1 s}
     assert record["a"].values[-1] == pytest.approx(2.5) and record["b"].values[-1] == 3.0
 
 
+@pytest.mark.parametrize(
+    ("values", "says"),
+    [
+        ("{}", "it has 0 points"),
+        ("{0: {}, 1: {}}", "it has 0 points"),
+        ("{-1e308: {0: 1}, 1e308: {0: 2, 1: 3}}", "too far apart"),
+    ],
+)
+def test_no_points_and_points_too_far_apart_are_told(values, says):
+    text = f"""\
+title: Inline
+machine: ideal
+tables:
+  t:
+    inputs: {{x: 1, y: 1}}
+    method: simplices
+    values: {values}
+digital: {{period: 1 s, compute_time: 0, program: {{a: "t(0.5, 1)"}}}}
+run: {{until: 1 s}}
+"""
+    with pytest.raises(PatchError, match=says):
+        run(parse_patch(text))
+
+
 BAD = [
     ({"rows": ROWS.replace("0.5, 200, 7", "0.1, 0, 7")}, "points.csv:5", "a point stands at"),
     ({"rows": "mach, height, thrust\n0, 0, 1\n1, 1, 2\n"}, "points.csv:2", "it has 2 points; 3 to"),

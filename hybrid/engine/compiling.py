@@ -30,7 +30,11 @@ def allocating(function: Any) -> Any:
 
 
 def inlined(function: Any) -> Any:
-    """Compiled into its caller: a call would cost more than these few operations."""
+    """Compiled into its caller.
+
+    A call copies every array that it hands over, tuples of arrays whole: more than a few operations
+    cost, and more than all that a window of a small circuit takes. There is a copy for every caller.
+    """
     return _njit(**_FUSED, _nrt=False, inline="always")(function)
 
 

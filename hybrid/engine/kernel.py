@@ -376,7 +376,16 @@ def is_compiled(function: Any = None, argument: str = "") -> bool:
 
 
 # Modules outside this folder whose constants are compiled in.
-SOURCES = ("tape.py", "numbering.py", "elements.py", "surroundings.py", "wordlength.py")
+SOURCES = (
+    "elements.py",
+    "meshes.py",
+    "modes.py",
+    "numbering.py",
+    "surroundings.py",
+    "tables.py",
+    "tape.py",
+    "wordlength.py",
+)
 
 
 def forget_stale_kernels() -> None:

@@ -26,7 +26,8 @@ from hybrid.together import in_stacks
 # With |M h / 2^s| <= 1/2 the remainder of this many Taylor terms is below 2^-53 relative.
 TAYLOR_TERMS = 18
 SMALL_NORM = 0.5
-# Numbers of the propagators that are kept (32 MB), and what each takes with its analog side.
+# Numbers of the propagators that are kept (32 MB), and what each takes beside its analog side, which
+# has as many.
 MOST_KEPT, KEPT_BESIDE = 4 * 10**6, 500
 
 Stretch = tuple[Analog, float]  # interval in s
@@ -52,7 +53,7 @@ def propagators(stretches: Sequence[Stretch]) -> list[Propagator]:
 
 # A prediction and a run of one machine share their interval.
 _kept: KeptBySize[Stretch, Propagator] = KeptBySize(
-    MOST_KEPT, lambda p: p.change.size + p.spread.size + KEPT_BESIDE
+    MOST_KEPT, lambda p: 2 * p.change.size + p.spread.size + KEPT_BESIDE
 )
 
 

@@ -127,11 +127,16 @@ def closes_in(
     if not 0.0 < ratio < SHRINKS:
         changes[corner, SHRUNK + k] = 0.0
         return False
+    if changes[corner, SHRUNK + k] == 0.0 and swing == math.inf:  # it begins with what can be seen
+        return False
     changes[corner, SHRUNK + k] += 1.0
     if changes[corner, SHRUNK + k] == 1.0:
         changes[corner, GAP + k], changes[corner, SWUNG + k] = 1.0 - ratio, swing
     left_s = span * ratio / (1.0 - ratio)
     if shortest_s > 0.0 and left_s > SHARE_OF_LAG * shortest_s:
+        return False
+    # What began to shrink within the last digits shrinks as they happen to fall.
+    if not changes[corner, SWUNG + k] > LEAST_SWING * max(1.0, abs(bound)):
         return False
     # Intervals as 1, 1/2, 1/3, ... shrink as well, less and less, and come to no end.
     if abs(1.0 - ratio - changes[corner, GAP + k]) > SAME_GAP * changes[corner, GAP + k]:

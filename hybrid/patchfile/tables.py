@@ -114,11 +114,12 @@ def _between_points(
         raise PatchError(
             f"{fields.what}: a point stands at the place of an earlier one", places[same]
         )
-    _checked(lambda: check_spread(points), fields.what, places[0])
+    place = places[0] if places else fields.table.place
+    _checked(lambda: check_spread(points), fields.what, place)
     ends = [(float(p.min()), float(p.max())) for p in points.T]
     axes = tuple(_axis(column, e, e, action) for column, e in zip(inputs, ends, strict=True))
     table = Table(output.name, axes, values, dimension=output.dimension)
-    return _checked(lambda: scattered_table(table, points, values, action), fields.what, places[0])
+    return _checked(lambda: scattered_table(table, points, values, action), fields.what, place)
 
 
 def _inputs(fields: Fields) -> tuple[_Column, ...]:
