@@ -642,6 +642,8 @@ def test_lorenz_has_the_cusped_map_of_maxima():
     assert cusp == pytest.approx(38.5, abs=0.5)
     for low, high, sign in ((30.5, cusp - 0.5, 1), (cusp + 0.5, 43.0, -1)):
         chosen = (peaks > low) & (peaks < high)
+        # Where no maximum of the integration is near, a straight line is not the curve.
+        chosen &= np.append(np.diff(here), np.inf)[np.searchsorted(here, peaks) - 1] < 0.3
         assert np.count_nonzero(chosen) > 100
         off = following[chosen] - np.interp(peaks[chosen], here, there)
         assert np.max(np.abs(off)) < 0.15  # of 20; the curve has a little thickness

@@ -30,7 +30,7 @@ class Written:
         self.places = new_places(self.deck.axes)
 
     def cycle(self, program, notes):
-        r, k, end = self.r, *self.deck.starts[program : program + 2, 0].tolist()
+        r, k, end = self.r, *self.deck.programs["code"][program : program + 2].tolist()
         tables = (self.deck.figures, self.deck.axes, self.deck.tables, *self.places, notes)
         while k < end:
             op, target, a, b = self.tape.code[k].tolist()
@@ -55,10 +55,10 @@ class Tight:
         self.r, self.places = registers.copy(), new_places(self.deck.axes)
 
     def cycle(self, program, notes):
-        deck, (first, end) = self.deck, self.deck.starts[program : program + 2, 0]
+        deck, (first, end) = self.deck, self.deck.programs["code"][program : program + 2]
         tables = (deck.figures, deck.axes, deck.tables, *self.places, notes)
         if run_bursts(deck.bursts, first, end, deck.steps, self.r, *tables):
-            first, end = deck.starts[program : program + 2, 4]
+            first, end = deck.programs["asks"][program : program + 2].tolist()
             note_missed(deck.asks, first, end, *self.places, notes)
 
 
