@@ -40,7 +40,7 @@ from hybrid.engine.order import computing_order, reach
 # controls a switch or store, or whose value is a mode (of INPUT: its place in State.held); rows in laws
 # of the integrator and of the lag; corners of the function and of the saturation; 1 where an element
 # computed earlier reads this one; elements that reset and hold while they are high; row in noisy;
-# 1 for a sum, product or integrator without corners. -1: none.
+# the kind of a sum, product or integrator without corners. -1: none.
 KIND, FIRST, SECOND, END, CONTROL, LAW, LAG, CORNER, STOP, TEAR, RESET, HOLD_BY, NOISE, PLAIN = (
     range(14)
 )
@@ -262,11 +262,8 @@ def lay_out(
     corners = [_corners(e) for e in row]
     shapes = tuple(_shape(e, found) for e, found in zip(row, corners, strict=True))
     frame = _frame(tuple(order), tuple(inputs), ranges, shapes)
-    figures = [
-        (e.constant, e.second_constant, e.gain, e.offset, *e.figures, 0.0, 0.0, 0.0)[:7]
-        for e in row
-    ]
-    gains = [gain for e in row for terms in (e.first, e.second) for gain in terms.values()]
+    figures = [_figures(e) for e in row]
+    gains = [gain for e in row for gain in _gains(e)]
     pieces = [p for found in corners for _, these, _ in found for p in these]
     return frame._replace(
         figures=np.array(figures, dtype=float).reshape(-1, 7),
@@ -274,6 +271,22 @@ def lay_out(
         pieces=np.array(pieces, dtype=float).reshape(-1, 6),
         initial=np.array([(e.initial, e.initial_output) for e in row]).reshape(-1, 2),
     )
+
+
+def _figures(e: Element) -> tuple[float, ...]:
+    """A row of `Circuit.figures`. The gain of sums and products is in those of their terms."""
+    constant, gain, offset = e.constant, e.gain, e.offset
+    if e.kind in (SUM, PRODUCT):
+        constant, gain = constant * gain, 1.0
+    if e.kind == SUM:
+        constant, offset = constant + offset, 0.0
+    return (constant, e.second_constant, gain, offset, *e.figures, 0.0, 0.0, 0.0)[:7]
+
+
+def _gains(e: Element) -> list[float]:
+    """The gains of its terms, of the first sum and then of the second."""
+    factor = e.gain if e.kind in (SUM, PRODUCT) else 1.0
+    return [*(factor * gain for gain in e.first.values()), *e.second.values()]
 
 
 # What an element has beside its gains, constants and first values.
@@ -348,7 +361,8 @@ def _frame(
             rows[i, LAG] = laws.setdefault((1.0 / s[_LAG_S], 1.0 / s[_LAG_S]), len(laws))
         rows[i, TEAR] = read_at.get(name, len(order)) <= i
         rows[i, NOISE] = noisy.index(i) if s[_NOISE] > 0.0 else -1
-        rows[i, PLAIN] = s[_KIND] in (SUM, PRODUCT, INTEGRATE) and not s[_CORNERS]
+        if s[_KIND] in (SUM, PRODUCT, INTEGRATE) and not s[_CORNERS]:
+            rows[i, PLAIN] = s[_KIND]
     sums = [terms for s in shapes for terms in (s[_FIRST], s[_SECOND])]
     ends = np.cumsum([0] + [len(terms) for terms in sums])
     rows[:, FIRST], rows[:, SECOND], rows[:, END] = ends[:-1:2], ends[1::2], ends[2::2]

@@ -9,7 +9,7 @@ from hybrid.engine.arrays import Floats
 from hybrid.engine.circuit import Circuit
 from hybrid.engine.compiling import compiled, inlined
 from hybrid.engine.lanes import LANES, combine, copy, weigh
-from hybrid.engine.nodes import Nodes
+from hybrid.engine.nodes import GUESSES, Nodes, Shelf
 from hybrid.engine.sweep import (
     AGE,
     BEFORE,
@@ -26,11 +26,15 @@ from hybrid.engine.sweep import (
     X,
 )
 
+# Spreads ratios of lengths, which are mostly quotients of small numbers, over the slots of a shelf.
+SPREAD = 65536.0
+
 
 @inlined
 def guess(
     circuit: Circuit,
     state: State,
+    shelf: Shelf,
     grid: Nodes,
     place: float,
     ratio: float,
@@ -42,21 +46,31 @@ def guess(
 
     Only for signals that are read before they are computed.
     """
-    wanted, weights = state.guess_for, state.guess
-    if wanted[0] != place or wanted[1] != ratio or wanted[2] != degree:
-        wanted[0], wanted[1], wanted[2] = place, ratio, degree
-        _read_at_nodes(grid, place, ratio, degree, state.legendre, weights)
+    slot = 1 + int(ratio * SPREAD) % (GUESSES - 1) if place == 1.0 else 0
+    wanted, first = shelf.guess_for, slot * (1 + LANES)
+    if wanted[slot, 0] != ratio or wanted[slot, 1] != place or wanted[slot, 2] != degree:
+        wanted[slot, 0], wanted[slot, 1], wanted[slot, 2] = ratio, place, degree
+        _read_at_nodes(grid, place, ratio, degree, state.legendre, shelf.guesses, first)
     new, torn = state.nodes, circuit.torn
     for k in range(torn.shape[0]):
         e = torn[k]
-        combine(new, e, nodes, e, 0.0, weights, 0, start[e], nodes, e)
+        combine(new, e, nodes, e, 0.0, shelf.guesses, first, start[e], nodes, e)
 
 
 @compiled
 def _read_at_nodes(
-    grid: Nodes, place: float, ratio: float, degree: int, legendre: Floats, weights: Floats
+    grid: Nodes,
+    place: float,
+    ratio: float,
+    degree: int,
+    legendre: Floats,
+    weights: Floats,
+    first: int,
 ) -> None:
-    """Fill `weights` (1 + q, P): `nodes.point_weights` of each node; `legendre` (1 + P, P): scratch."""
+    """Fill 1 + q rows of `weights` (rows, P) from `first` on with `nodes.point_weights` of each node.
+
+    `legendre` (1 + P, P): scratch.
+    """
     q = len(grid.marks)
     for i in range(LANES):
         x = 2.0 * (place + ratio * grid.marks[min(i, q - 1)]) - 1.0
@@ -67,7 +81,7 @@ def _read_at_nodes(
             x = legendre[1, i]
             legendre[n + 1, i] = on * x * legendre[n, i] - back * legendre[n - 1, i]
     for k in range(q + 1):
-        weigh(weights, k, legendre, 0, grid.series_of[k], 0, degree + 1)
+        weigh(weights, first + k, legendre, 0, grid.series_of[k], 0, degree + 1)
 
 
 @inlined

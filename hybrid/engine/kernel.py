@@ -307,7 +307,8 @@ def play(
     """Play the segment's cues from (counts[REPEAT], counts[CUE]) up to (stop_repeat, stop_cue).
 
     Returns why it ended: PAUSED, RUNAWAY, NOT_FINITE, OVERLOADED where counts[STOPS] asks for it, or
-    WAITING at every ADVANCE and LOOK where there are no propagators, or COMPUTES at every START where
+    WAITING at every ADVANCE and LOOK where there are no propagators (but where the one follows the
+    other), or COMPUTES at every START where
     word lengths are limited; the cue that ended it is not done.
     `normals` must hold enough draws for that, from counts[DRAWS] on; every `keep_every`-th row of the
     record is kept, in `rows`.
@@ -342,7 +343,10 @@ def play(
             elif what == SOURCE:
                 _hold(plant, state, sources[i].input, sources[i].value_mu)
             elif what == LOOK:
-                outcome = WAITING if circuit else _look(plant, state, now)
+                if not circuit:
+                    outcome = _look(plant, state, now)
+                elif at + 1 == end or cues[np.uint64(at + 1)].what != ADVANCE:
+                    outcome = WAITING  # else the circuit follows the jump as it is advanced
             else:
                 _draw(pens, state, rows, keep_every)
             if outcome != PAUSED:

@@ -210,62 +210,116 @@ def gather(
     """
 
     def generate(context: Any, builder: Any, kinds: Any, given: Any) -> None:
-        first, end = given[6:]
-        place = first.type
-        gains = context.make_array(kinds[3])(context, builder, given[3]).data
-        rows = context.make_array(kinds[5])(context, builder, given[5]).data
-        start = _spread(builder, given[2])
-        before, loop, done = (
-            builder.block,
-            builder.append_basic_block("terms"),
-            builder.append_basic_block("done"),
-        )
-        builder.cbranch(builder.icmp_signed("<", first, end), loop, done)
-
-        builder.position_at_end(loop)
-        term, total = builder.phi(place), builder.phi(_ROW)
-        gain = _spread(builder, builder.load(builder.gep(gains, [term])))
-        at = builder.load(builder.gep(rows, [term]))
-        value = _load(builder, _pointer(context, builder, kinds[4], given[4], at))
-        more = _add_product(builder, total, gain, value)
-        following = builder.add(term, place(1))
-        for phi, begin, onward in ((term, first, following), (total, start, more)):
-            phi.add_incoming(begin, before)
-            phi.add_incoming(onward, loop)
-        builder.cbranch(builder.icmp_signed("<", following, end), loop, done)
-
-        builder.position_at_end(done)
-        whole = builder.phi(_ROW)
-        whole.add_incoming(start, before)
-        whole.add_incoming(more, loop)
-        _store(builder, whole, _pointer(context, builder, kinds[0], *given[:2]))
+        total = _gathered(context, builder, kinds[3:6], given[3:6], given[2], *given[6:])
+        _store(builder, total, _pointer(context, builder, kinds[0], *given[:2]))
 
     place, figure = types.intp, types.float64
     return _rows(types.void(out, place, figure, gains, source, source_rows, place, place), generate)
 
 
 @intrinsic
-def farthest(typing: Any, a: Any, a_row: Any, b: Any, b_row: Any) -> Any:
-    """Largest of |a[a_row] - b[b_row]| over the lanes; no number where any of them is none."""
+def gather_product(
+    typing: Any,
+    out: Any,
+    row: Any,
+    offset: Any,
+    constant: Any,
+    other_constant: Any,
+    gains: Any,
+    source: Any,
+    source_rows: Any,
+    first: Any,
+    middle: Any,
+    end: Any,
+) -> Any:
+    """out[row] = offset + the product of two such sums, of terms up to before `middle` and `end`."""
 
-    def codegen(context: Any, builder: Any, signature: Any, given: Any) -> Any:
-        kinds = signature.args
-        left = _load(builder, _pointer(context, builder, kinds[0], *given[:2]))
-        right = _load(builder, _pointer(context, builder, kinds[2], *given[2:4]))
-        apart = builder.fsub(left, right)
+    def generate(context: Any, builder: Any, kinds: Any, given: Any) -> None:
+        arrays, (first, middle, end) = (kinds[5:8], given[5:8]), given[8:]
+        one = _gathered(context, builder, *arrays, given[3], first, middle)
+        other = _gathered(context, builder, *arrays, given[4], middle, end)
+        total = _add_product(builder, _spread(builder, given[2]), one, other)
+        _store(builder, total, _pointer(context, builder, kinds[0], *given[:2]))
+
+    place, figure = types.intp, types.float64
+    kinds = (figure, figure, figure, gains, source, source_rows, place, place, place)
+    return _rows(types.void(out, place, *kinds), generate)
+
+
+def _gathered(
+    context: Any, builder: Any, kinds: Any, arrays: Any, constant: Any, first: Any, end: Any
+) -> Any:
+    """The sum of terms that `gather` stores; the first one stands by itself, as most are alone."""
+    gains, rows = (context.make_array(kinds[k])(context, builder, arrays[k]).data for k in (0, 2))
+    place = first.type
+
+    def with_term(total: Any, term: Any) -> Any:
+        gain = _spread(builder, builder.load(builder.gep(gains, [term])))
+        row = builder.load(builder.gep(rows, [term]))
+        value = _load(builder, _pointer(context, builder, kinds[1], arrays[1], row))
+        return _add_product(builder, total, gain, value)
+
+    start, before = _spread(builder, constant), builder.block
+    single, loop, done = (builder.append_basic_block(name) for name in ("term", "terms", "done"))
+    builder.cbranch(builder.icmp_signed("<", first, end), single, done)
+
+    builder.position_at_end(single)
+    one, second = with_term(start, first), builder.add(first, place(1))
+    builder.cbranch(builder.icmp_signed("<", second, end), loop, done)
+
+    builder.position_at_end(loop)
+    term, total = builder.phi(place), builder.phi(_ROW)
+    more, following = with_term(total, term), builder.add(term, place(1))
+    for phi, begin, onward in ((term, second, following), (total, one, more)):
+        phi.add_incoming(begin, single)
+        phi.add_incoming(onward, loop)
+    builder.cbranch(builder.icmp_signed("<", following, end), loop, done)
+
+    builder.position_at_end(done)
+    whole = builder.phi(_ROW)
+    for value, block in ((start, before), (one, single), (more, loop)):
+        whole.add_incoming(value, block)
+    return whole
+
+
+@intrinsic
+def farther(
+    typing: Any, out: Any, row: Any, factor: Any, a: Any, a_row: Any, b: Any, b_row: Any
+) -> Any:
+    """out[row] = the larger of itself and factor * |a[a_row] - b[b_row]|, lane by lane."""
+
+    def generate(context: Any, builder: Any, kinds: Any, given: Any) -> None:
+        target = _pointer(context, builder, kinds[0], *given[:2])
+        left = _load(builder, _pointer(context, builder, kinds[3], *given[3:5]))
+        right = _load(builder, _pointer(context, builder, kinds[5], *given[5:7]))
+        apart, most = builder.fsub(left, right), _load(builder, target)
         below = builder.fcmp_ordered("<", apart, ir.Constant(_ROW, [0.0] * LANES))
         size = builder.select(below, builder.fneg(apart), apart)
+        size = builder.fmul(size, _spread(builder, given[2]))
+        more = builder.fcmp_unordered(">", size, most)  # also where it is no number
+        _store(builder, builder.select(more, size, most), target)
+
+    place = types.intp
+    return _rows(types.void(out, place, types.float64, a, place, b, place), generate)
+
+
+@intrinsic
+def largest(typing: Any, a: Any, row: Any) -> Any:
+    """Largest of a[row] over the lanes; no number where any of them is none."""
+
+    def codegen(context: Any, builder: Any, signature: Any, given: Any) -> Any:
+        size = _load(builder, _pointer(context, builder, signature.args[0], *given))
         none = builder.bitcast(builder.fcmp_unordered("uno", size, size), ir.IntType(LANES))
         lanes = LANES
         while lanes > 1:  # the upper half against the lower one
             lanes //= 2
             halves = _halves(builder, size, lanes)
             size = builder.select(builder.fcmp_ordered(">", *halves), *halves)
-        largest = builder.extract_element(size, ir.IntType(32)(0))
+        most = builder.extract_element(size, ir.IntType(32)(0))
         lost = builder.icmp_unsigned("!=", none, ir.IntType(LANES)(0))
-        return builder.select(lost, ir.DoubleType()(float("nan")), largest)
+        return builder.select(lost, ir.DoubleType()(float("nan")), most)
 
-    return types.float64(a, types.intp, b, types.intp), codegen
+    return types.float64(a, types.intp), codegen
 
 
 @intrinsic

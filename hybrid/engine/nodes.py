@@ -24,7 +24,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.polynomial import legendre
 
-from hybrid.engine.arrays import Floats, Ints
+from hybrid.engine.arrays import Floats, Ints, lined_up
 from hybrid.engine.compiling import compiled, inlined
 from hybrid.engine.lanes import LANES
 
@@ -35,6 +35,9 @@ FEW_CONSTANTS = 20.0
 GAUSS_POINTS = 26
 PART_OF_ONE = 0.5
 POWERS = 15
+# Where to look first for what a shelf keeps of a length, and how many ratios of lengths it keeps.
+HINTS = 64
+GUESSES = 64
 # How well windows resolve every signal, as a fraction of full scale.
 RESOLUTION = 1e-8
 
@@ -72,6 +75,11 @@ class Shelf(NamedTuple):
         Floats  # (slots, laws, blocks, n, BLOCK): rows of eight nodes, beside each other in memory
     )
     decay: Floats  # (slots, laws, BLOCK * blocks): exp(-rate c H)
+    hints: Ints  # (HINTS,): slot of a length, by its binary digits
+    guesses: Floats  # (GUESSES * (1 + LANES), LANES): from the last window's points to new nodes
+    guess_for: (
+        Floats  # (GUESSES, 3): length, place and degree they are for, in lengths of the last window
+    )
 
 
 @cache
@@ -96,9 +104,9 @@ def nodes(q: int = 8) -> Nodes:
     middle = np.append((points[1:] + points[:-1]) / 2, 1.0)
     between = legendre.legvander(2 * middle - 1, q) @ series
     series_of = np.ascontiguousarray(series.T)
-    midway = np.zeros((1 + LANES, LANES))
+    midway = lined_up(1 + LANES, LANES)
     midway[: q + 1] = between[np.minimum(np.arange(LANES), q - 1)].T
-    tail = np.zeros((2, LANES))
+    tail = lined_up(2, LANES)
     tail[:, :q] = series[: q - 2 : -1, 1:]
     of_start = series[: q - 2 : -1, 0].copy()
     return Nodes(
@@ -136,8 +144,11 @@ def new_shelf(laws: int, slots: int = 48) -> Shelf:
         np.zeros(slots),
         np.zeros(slots),
         np.array([1, 0, 0]),
-        np.zeros((slots, laws, 1 + LANES, LANES)),
-        np.zeros((slots, laws, LANES)),
+        lined_up(slots, laws, 1 + LANES, LANES),
+        lined_up(slots, laws, LANES),
+        np.zeros(HINTS, dtype=np.int64),
+        lined_up(GUESSES * (1 + LANES), LANES),
+        np.full((GUESSES, 3), np.nan),
     )
 
 
@@ -201,8 +212,14 @@ def shelved(shelf: Shelf, grid: Nodes, laws: Floats, length_s: float) -> int:
 @compiled
 def find_or_make(shelf: Shelf, grid: Nodes, laws: Floats, length_s: float) -> int:
     """The same, for another length than that of the window before."""
+    share, exponent = math.frexp(length_s)
+    hint = (int(16.0 * share) + 8 * exponent) % HINTS
+    slot = shelf.hints[hint]
+    if shelf.lengths_s[slot] == length_s:
+        return int(slot)
     for slot in range(shelf.lengths_s.shape[0]):
         if shelf.lengths_s[slot] == length_s:
+            shelf.hints[hint] = slot
             return slot
     slot = free_slot(shelf, length_s)
     for law in range(laws.shape[0]):

@@ -21,7 +21,7 @@ import numpy as np
 import numpy.typing as npt
 
 from hybrid.elements import INTEGRATE, TRACK
-from hybrid.engine.arrays import Floats, Ints
+from hybrid.engine.arrays import Floats, Ints, lined_up
 from hybrid.engine.circuit import (
     CONTROL,
     CORNER,
@@ -79,7 +79,7 @@ def new_noise(circuit: Circuit, random: np.random.Generator, q: int = 8) -> Nois
     return Noise(
         new_state(circuit, q),
         shelf,
-        np.zeros((len(shelf.lengths_s), len(circuit.noise_rates), q, LANES)),
+        lined_up(len(shelf.lengths_s), len(circuit.noise_rates), q, LANES),
         projection(q),
         random,
         np.zeros(q),
@@ -138,7 +138,7 @@ def play_truth(
     while done_s < length_s:
         piece_s = _piece(circuit.tails_s, min(length_s - done_s, most_s), left_s - done_s)
         place, share, degree = done_s / length_s, piece_s / length_s, len(grid.marks)
-        guess(circuit, truth, grid, place, share, degree, smooth.start, smooth.nodes)
+        guess(circuit, truth, noise.shelf, grid, place, share, degree, smooth.start, smooth.nodes)
         slot = _find(noise.shelf.lengths_s, piece_s)
         if slot < 0:
             slot = _operators(circuit, noise, piece_s)

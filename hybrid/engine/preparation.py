@@ -26,6 +26,7 @@ from hybrid.engine.arrays import (
     Plant,
     State,
     Structs,
+    lined_up,
 )
 from hybrid.engine.lookup import new_places, pack
 from hybrid.engine.propagator import propagators
@@ -121,8 +122,10 @@ def plant_of(machine: Machine, intervals: list[int]) -> Plant:
             rows[q, first : first + k, : columns.shape[1]] = sum_rows[:, :n] @ columns
             rows[q, first : first + k, : n + m] += sum_rows
     blocks = rows.reshape(len(all_of), -1, 8, n + m + rank).transpose(0, 1, 3, 2)
+    change = lined_up(*blocks.shape)
+    change[...] = blocks
     return Plant(
-        np.ascontiguousarray(blocks),
+        change,
         (np.arange(first + k + n) >= first + k).astype(np.float64),
         np.array([p.spread.shape[1] for p in all_of], dtype=np.int64),
         np.array(_places(machine), dtype=np.uint32),
@@ -247,9 +250,11 @@ def state_of(machine: Machine, plant: Plant) -> State:
     rank = plant.change.shape[2] - len(analog.x0) - len(analog.u0)
     padding = np.zeros(_padding(len(sums) + len(analog.x0)))
     deck, registers = deck_of(machine.tape)
+    v = lined_up(len(padding) + len(sums) + len(z) + rank)
+    v[: len(v) - rank] = np.concatenate([padding, analog.c[sums] @ z, z])
     return State(
-        np.concatenate([padding, analog.c[sums] @ z, z, np.zeros(rank)]),
-        np.empty(len(padding) + len(sums) + len(analog.x0)),
+        v,
+        lined_up(len(padding) + len(sums) + len(analog.x0)),
         np.zeros(len(machine.samplers)),
         registers.copy(),
         np.zeros((latency, words)),

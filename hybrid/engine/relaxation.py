@@ -119,7 +119,7 @@ def advance(
                 if noise is not None:
                     jump(circuit, state, noise, t_s, now)
         length = next_length(min(clock[NEXT], circuit.longest_s), duration_s - now)
-        _prepare_guess(circuit, state, grid, length)
+        _prepare_guess(circuit, state, shelf, grid, length)
         fits = solve(circuit, state, shelf, grid, t_s + now, length, tolerance)
         tail = _tail(state, grid) if fits else math.inf
         if not tail <= rtol:
@@ -134,7 +134,9 @@ def advance(
             over, earlier = _first_overload(state, grid, at)
         if over >= 0:
             length = max(length * earlier, SHORTEST_S)
-            guess(circuit, state, grid, 0.0, earlier, len(grid.marks), state.start, state.nodes)
+            guess(
+                circuit, state, shelf, grid, 0.0, earlier, len(grid.marks), state.start, state.nodes
+            )
             solve_again(circuit, state, shelf, grid, t_s + now, length, tolerance)
         elif corner >= 0:
             by = 1 if _guard_rises(circuit, state, grid, corner, at) else -1
@@ -268,7 +270,9 @@ def _tail(state: State, grid: Nodes) -> float:
 
 
 @inlined
-def _prepare_guess(circuit: Circuit, state: State, grid: Nodes, length_s: float) -> None:
+def _prepare_guess(
+    circuit: Circuit, state: State, shelf: Shelf, grid: Nodes, length_s: float
+) -> None:
     """Continue the last window's polynomials into this one; constants where they say nothing."""
     n = state.nodes.shape[0]
     ratio = length_s / state.clock[LENGTH] if state.counts[KNOWN] > 0 else math.inf
@@ -279,7 +283,7 @@ def _prepare_guess(circuit: Circuit, state: State, grid: Nodes, length_s: float)
     # Each degree brings about a decade; outside its window a series of Legendre polynomials grows by
     # x + sqrt(x^2 - 1) for each, which at x = 1 + 2 ratio is more than that from a ratio of 2 on.
     degree = len(grid.marks) if ratio < 2.0 else 4
-    guess(circuit, state, grid, 1.0, ratio, degree, state.past, state.last)
+    guess(circuit, state, shelf, grid, 1.0, ratio, degree, state.past, state.last)
 
 
 @compiled
@@ -315,7 +319,7 @@ def _cut(
     if length_s < SHORTEST_S:
         return 0.0
     for _ in range(5):
-        guess(circuit, state, grid, 0.0, length_s / whole_s, q, state.start, state.nodes)
+        guess(circuit, state, shelf, grid, 0.0, length_s / whole_s, q, state.start, state.nodes)
         whole_s = length_s
         solve_again(circuit, state, shelf, grid, t_s, length_s, tolerance)
         miss = state.guard[corner, q - 1] - bound

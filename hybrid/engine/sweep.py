@@ -28,7 +28,7 @@ from hybrid.elements import (
     SWITCH,
     TRACK,
 )
-from hybrid.engine.arrays import Floats, Ints
+from hybrid.engine.arrays import Floats, Ints, lined_up
 from hybrid.engine.circuit import (
     AMPLITUDE,
     AT,
@@ -66,9 +66,11 @@ from hybrid.engine.lanes import (
     add_scaled,
     combine,
     copy,
-    farthest,
+    farther,
     fill,
     gather,
+    gather_product,
+    largest,
     multiply,
     scale,
 )
@@ -89,14 +91,10 @@ class State(NamedTuple):
     piece: Ints  # (corners,)
     guard_start: Floats  # (corners,): the quantity each corner guards
     guard: Floats  # (corners, P)
-    row: Floats  # (2, P): scratch
+    row: Floats  # (3, P): scratch, see OLD and MOVED below
     point: Floats  # (1 + q,): scratch
     legendre: Floats  # (1 + P, P): scratch
     recent: Floats  # (corners, 2): since when each has switched often, and how often
-    guess: Floats  # (1 + P, P): from the last window's points to this one's nodes
-    guess_for: (
-        Floats  # (3,): place, length and degree it was made for, in lengths of the last window
-    )
     overload: Floats  # (n, 6): see the columns below
     fresh: Floats  # (noisy, P): noise that came up in the window, at its nodes
     clock: Floats  # see the constants below
@@ -142,6 +140,9 @@ ON_OVERLOAD, FROZEN, JUMPED, RUNG, CALLED, ENDED_BY = range(8, 14)
 WANTED, HAPPENED = range(2)
 RISES, FALLS = 1, 2
 
+# Rows of State.row: what a torn signal was before this sweep; how far such signals have moved in it.
+OLD, MOVED = 1, 2
+
 # Sweeps after which a window is given up as too long.
 MOST_SWEEPS = 40
 
@@ -161,21 +162,19 @@ def new_state(circuit: Circuit, q: int = 8) -> State:
         np.zeros(inputs),
         np.full(inputs, np.nan),
         np.where(np.isnan(circuit.initial[:, 1]), 0.0, circuit.initial[:, 1]),
-        np.zeros((n, p)),
+        lined_up(n, p),
         np.zeros(n),
-        np.zeros((n, p)),
+        lined_up(n, p),
         memory,
         circuit.initial_piece.copy(),
         np.zeros(m),
-        np.zeros((m, p)),
-        np.zeros((2, p)),
+        lined_up(m, p),
+        lined_up(3, p),
         np.zeros(1 + q),
-        np.zeros((1 + p, p)),
+        lined_up(1 + p, p),
         np.zeros((m, 2)),
-        np.zeros((1 + p, p)),
-        np.full(3, np.nan),
         np.zeros((n, 6)),
-        np.zeros((len(circuit.noisy), p)),
+        lined_up(len(circuit.noisy), p),
         np.array([0.0, math.inf, 0.0, 0.0, 0.0, math.nan, first_s, 0.0]),
         rungs,
         counts,
@@ -238,25 +237,28 @@ def sweep(
     start, nodes, memory, scratch = state.start, state.nodes, state.memory, state.row
     weights, decay, fresh = shelf.weights, shelf.decay, state.fresh
     laws, end = slot * decay.shape[1], np.uint64(len(grid.marks) - 1)
-    change = 0.0
+    fill(scratch, MOVED, 0.0)
     for row in range(first, last):
         e = np.uint64(row)  # a sign would be looked at each time
-        if rows[e, PLAIN] == 1 and memory[e, AS] == OP:
-            terms, middle = rows[e, FIRST], rows[e, SECOND]
+        plain, terms, middle = rows[e, PLAIN], rows[e, FIRST], rows[e, SECOND]
+        if plain == PRODUCT:
+            one, other, last_term = figures[e, CONSTANT], figures[e, SECOND_CONSTANT], rows[e, END]
+            offset = figures[e, OFFSET]
+            gather_product(
+                scratch, 0, offset, one, other, gain, nodes, signal, terms, middle, last_term
+            )
+        elif plain == SUM:
             gather(scratch, 0, figures[e, CONSTANT], gain, nodes, signal, terms, middle)
-            if rows[e, KIND] == PRODUCT:
-                constant, last_term = figures[e, SECOND_CONSTANT], rows[e, END]
-                gather(scratch, 1, constant, gain, nodes, signal, middle, last_term)
-                multiply(scratch, 0, scratch, 1)
-            elif rows[e, KIND] == INTEGRATE:
-                integrate(rows, memory, weights, decay, scratch, laws, row, end)
+        elif plain == INTEGRATE and memory[e, AS] == OP:
+            gather(scratch, 0, figures[e, CONSTANT], gain, nodes, signal, terms, middle)
+            integrate(rows, memory, weights, decay, scratch, laws, row, end)
             if figures[e, GAIN] != 1.0 or figures[e, OFFSET] != 0.0:
                 scale(scratch, 0, figures[e, GAIN], figures[e, OFFSET])
         else:
             special(circuit, state, shelf, grid, laws, row, t_s, length_s)
         memory[e, BEFORE_END] = scratch[0, end]
         if rows[e, TEAR] != 0:
-            copy(scratch, 1, nodes, row)
+            copy(scratch, OLD, nodes, row)
         lag = rows[e, LAG]
         if lag >= 0:
             law = laws + lag
@@ -267,10 +269,9 @@ def sweep(
         if rows[e, NOISE] >= 0:
             add_scaled(nodes, row, 1.0, fresh, rows[e, NOISE])
         if rows[e, TEAR] != 0:
-            moved, size = farthest(nodes, row, scratch, 1), max(1.0, abs(nodes[e, end]))
-            if not moved <= change * size:  # also where it is no number
-                change = moved / size
-    return change
+            size = abs(nodes[e, end])
+            farther(scratch, MOVED, 1.0 if size <= 1.0 else 1.0 / size, nodes, row, scratch, OLD)
+    return float(largest(scratch, MOVED))
 
 
 @inlined
