@@ -63,10 +63,12 @@ def quaternion(attitude: Rotation, length: float = 1.0) -> dict[str, str]:
 def test_body_axes_turn_motion_and_forces(attitude: Rotation) -> None:
     velocity, rates = np.array([210.0, -340.0, 95.0]), np.array([0.02, -0.3, 0.11])
     force, turned = np.array([-900.0, 250.0, 4000.0]), 0.7
+    change = np.array([3.0, -9.0, 5.0])
     earth = Rotation.from_euler("z", turned)
     inputs = {
         **quaternion(attitude),
         **told(("vx", "vy", "vz"), velocity, "m/s"),
+        **told(("ax", "ay", "az"), change, "m/s^2"),
         **told("pqr", rates, "rad/s"),
         **told(("force_u", "force_v", "force_w"), force, "N"),
         "turned": f"{turned}",
@@ -74,6 +76,9 @@ def test_body_axes_turn_motion_and_forces(attitude: Rotation) -> None:
     found = computed("body_axes", inputs)
     seen = attitude.inv().apply(earth.apply(velocity))
     np.testing.assert_allclose([found[n] for n in "uvw"], seen, rtol=1e-13, atol=1e-12)
+    told_change = [found[f"a_{n}"] for n in "uvw"]
+    there = attitude.inv().apply(earth.apply(change))
+    np.testing.assert_allclose(told_change, there, rtol=1e-13, atol=1e-14)
     assert found["speed"] == pytest.approx(np.linalg.norm(velocity), rel=1e-14)
     # Turned by beta about z and then by -alpha about y, the wind's direction is the body's x axis.
     wind = Rotation.from_euler("zy", [found["beta"], -found["alpha"]], degrees=True)

@@ -285,7 +285,8 @@ def test_the_f16_of_nasa_on_the_digital_machine(monkeypatch: pytest.MonkeyPatch)
     ("on", "says"),
     [
         ("analog", "is of a model, which has no analog form; keep what reads it on the digital"),
-        ({"axes": "analog"}, "needs a full scale"),
+        ({"axes": "analog"}, "is more than one component"),
+        ({"axes.c": "analog"}, "needs a full scale"),
     ],
 )
 def test_what_the_analog_machine_cannot_have_of_the_f16_is_one_line(
