@@ -13,7 +13,9 @@ Published times:
   14, which are one to read the instruction (I), one to read the operand (E) and twelve (L) (IBM 7090
   Customer Engineering Instruction-Reference, 223-6895, sections on the arithmetic instructions). ADD is
   I and E: 229,000 additions in a second (IBM's figure, as in "A Complete History of Mainframe
-  Computing", Tom's Hardware) are two cycles. So is STO, which reads the instruction and writes the word.
+  Computing", Tom's Hardware) are two cycles. The time of STO is inferred, not published anywhere that we
+  could look up: the storage is in use once to read the instruction and once to write the word, so two
+  cycles, as for ADD, which reads the instruction and a word.
 - `ibm_1620` (1959), with automatic floating point: add 1.2 ms, multiply 12.5 ms, divide 41.7 ms for
   mantissas of eight digits, operands in memory (IBM's announcement). Results are written by the
   operation itself.

@@ -122,6 +122,25 @@ def test_sources_keep_the_time_of_their_task() -> None:
     np.testing.assert_allclose(record["only_seconds"][3:], 0.001 * begun[3:], rtol=1e-12)
 
 
+def test_seconds_and_states_know_nothing_of_cycles_that_are_left_out() -> None:
+    """12 ms of work every 10 ms: every other cycle is left out, at 3 ms + j 20 ms it is cycle j."""
+    text = SOURCES.replace("compute_time: 0", "compute_time: 12 ms, overrun: skip").replace(
+        "full_scale: 10}\n",
+        "full_scale: 10}\n  area: {integrate: {one: 1 1/s}, initial: 0, full_scale: 10}\n"
+        "  one: {constant: 1, full_scale: 1}\n",
+    )
+    result = hybrid.run(parse_patch(text, on="digital"))
+    (only,), record = result.tasks, result.record
+    assert only.overruns == only.cycles == 50
+    n = np.arange(len(record["time"]))  # ms
+    shown = n >= 15  # the first result
+    cycle = (n[shown] - 15) // 20
+    np.testing.assert_allclose(record["only_seconds"][shown], 0.003 + 0.01 * cycle, rtol=1e-12)
+    np.testing.assert_allclose(record["rise"][shown], 2 * (0.003 + 0.01 * cycle), rtol=1e-12)
+    np.testing.assert_allclose(record["area"][shown], 0.01 * cycle, rtol=1e-12, atol=1e-15)
+    np.testing.assert_array_equal(record["jump"][shown], cycle >= 5)  # 53 ms is the fifth's time
+
+
 FIRST = """\
 title: What stands before the first result
 machine: ideal
