@@ -105,9 +105,8 @@ class Slow:
             self.finish(self.running, now)
         sampled = []
         for a, (task, delay, conversion) in enumerate(self.adcs):
-            for begun in self.begun[task]:
-                sampled += [(now, 0, a)] * (begun + delay == now)
-                sampled += [(now, 1, a)] * (begun + delay + conversion == now)
+            sampled += [(now, 0, a)] * (now - delay in self.begun[task])
+            sampled += [(now, 1, a)] * (now - delay - conversion in self.begun[task])
         self.events += sorted(sampled) + self.at_once + [(now, 4, d) for d in sorted(self.latched)]
 
     def play(self, until, every):
