@@ -4,6 +4,7 @@ Bounds are 4.5 standard deviations of the estimate (5 or more where there are hu
 """
 
 import math
+import re
 
 import numpy as np
 import pytest
@@ -47,6 +48,25 @@ analog:
 run: {until: until, every: every}
 """
 ROWS = 5
+COPIES = 8
+
+
+def ensemble(text, runs, parameters=None):
+    """Records of `runs` independent runs: (runs, rows, signals by name), at most COPIES in one.
+
+    To begin a run takes longer than these windows; so a machine has the whole patch COPIES times.
+    """
+    head, rest = text.split("analog:\n")
+    analog, tail = rest.split("run:")
+    names = sorted(re.findall(r"^  (\w+):", analog, re.M))
+    own = re.compile(rf"\b({'|'.join(names)})\b")
+    copied = "".join(own.sub(rf"\g<1>_{k}", analog) for k in range(COPIES))
+    patch = hybrid.parse_patch(f"{head}analog:\n{copied}run:{tail}")
+    machine = compile_patch(patch, parameters, as_circuit=True)
+    assert [p.name for p in pens_for(machine)] == [f"{n}_{k}" for n in names for k in range(COPIES)]
+    found = records(machine, runs // COPIES)
+    apart = found.reshape(*found.shape[:2], len(names), COPIES)
+    return np.moveaxis(apart, 3, 1).reshape(-1, found.shape[1], len(names))
 
 
 def records(machine, runs):
@@ -95,7 +115,7 @@ def test_the_covariance_of_a_linear_patch_is_the_exact_one(text, tau, every):
     figures = {"tau": tau, "every": every, "until": ROWS * every}
     patch = hybrid.parse_patch(text)
     calm = records(compile_patch(patch, figures | {"on": 0.0}, as_circuit=True), 1)
-    noisy = records(compile_patch(patch, figures, as_circuit=True), runs)
+    noisy = ensemble(text, runs, figures)
     deviations = (noisy - calm)[:, 1:].reshape(runs, -1)
     expected = covariance(compile_patch(patch, figures), every)
     scale = np.sqrt(np.diag(expected))
@@ -179,9 +199,7 @@ def small_steps(runs, tau_s=20e-6, rms=1e-2, rate=1000.0, rows=6, row_s=1e-3):
 def test_an_ensemble_of_a_nonlinear_patch_is_that_of_small_steps():
     """Means and covariances of four signals at six instants; both are samples."""
     runs = 2000
-    machine = compile_patch(hybrid.parse_patch(OSCILLATOR))
-    assert [pen.name for pen in pens_for(machine)] == list(SCALES)
-    ours, theirs = records(machine, runs)[:, 1:], small_steps(runs)
+    ours, theirs = ensemble(OSCILLATOR, runs)[:, 1:], small_steps(runs)
     ours, theirs = ours.reshape(runs, -1), theirs.reshape(runs, -1)
     spread = np.std(theirs, axis=0)
     apart = np.abs(np.mean(ours, axis=0) - np.mean(theirs, axis=0)) / spread
