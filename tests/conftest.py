@@ -29,8 +29,11 @@ REFERENCE = Path(os.environ.get("HYBRID_REFERENCE") or PATCHES.parent.parent / "
 DIGITS = 120  # forty squarings of a stiff matrix cost at most as many digits
 SERIES_TERMS = 60  # 0.1**60 / 60! is far below 10**-DIGITS
 
-# The nonlinear engine is compiled twice, without noise and with it.
-COMPILE = "import sys, hybrid; hybrid.run('van_der_pol', machine=sys.argv[1])"
+# The nonlinear engine is compiled twice, without noise and with it; most functions below it serve both,
+# and the linear engine's. So the second process begins with the linear engine, which the first needs
+# last: each then finds on disk what the other has compiled.
+COMPILE = "import sys, hybrid\nfor name in sys.argv[2:]: hybrid.run(name, machine=sys.argv[1])"
+COMPILED = (("lags", "van_der_pol"), ("nominal", "pitch_loop", "van_der_pol"))
 COMPILING = pytest.StashKey[list[subprocess.Popen[bytes]]]()
 # From a minute down to some ten seconds.
 LONGEST = (
@@ -51,8 +54,7 @@ def pytest_sessionstart(session):
     shared = not hasattr(config, "workerinput") and getattr(config.option, "numprocesses", None)
     if shared and config.args_source == pytest.Config.ArgsSource.TESTPATHS:
         config.stash[COMPILING] = [
-            subprocess.Popen([sys.executable, "-c", COMPILE, machine])
-            for machine in ("lags", "nominal")
+            subprocess.Popen([sys.executable, "-c", COMPILE, *names]) for names in COMPILED
         ]
 
 
