@@ -25,7 +25,7 @@ SCRIPTS = sorted(path for path in BENCHES.glob("*.py") if path.name != "bench.py
 def test_bench_passes_and_prints_one_json_object(script, tmp_path):
     pytest.importorskip("control", reason="benches need the extra 'bench'")
     command = [sys.executable, str(script), "--quick", "--json"]
-    done = subprocess.run(command, capture_output=True, text=True, timeout=300, cwd=tmp_path)
+    done = subprocess.run(command, capture_output=True, text=True, timeout=600, cwd=tmp_path)
     assert done.returncode == 0, done.stdout + done.stderr
     facts = json.loads(done.stdout)
     assert facts["bench"] == script.stem
@@ -178,7 +178,7 @@ def executed(tmp_path_factory):
         cell.outputs, cell.execution_count = [], None
     client = nbclient.NotebookClient(
         notebook,
-        timeout=300,
+        timeout=600,
         kernel_name="python3",
         coalesce_streams=True,
         resources={"metadata": {"path": str(folder)}},

@@ -86,7 +86,7 @@ def test_a_command_starts_by_a_copy_that_ends_with_it() -> None:
         "os.kill(os.getpid(), signal.SIGKILL)"
     )
     begun = [sys.executable, "-c", code]
-    told = subprocess.run(begun, stdout=subprocess.PIPE, text=True, timeout=60, check=False).stdout
+    told = subprocess.run(begun, stdout=subprocess.PIPE, text=True, timeout=600, check=False).stdout
     # Its end of the output is closed, so it has ended too: only so does `run` come back.
     assert told.startswith("ForkProcess ")
 
