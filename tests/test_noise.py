@@ -3,11 +3,13 @@
 Every bound is 4.5 standard deviations of the estimate (one false alarm in 150,000), every seed fixed.
 """
 
+import functools
 import itertools
 import math
 
 import numpy as np
 import pytest
+from copies import apart, in_copies
 from scipy.linalg import expm
 
 from hybrid.compiler import compile_patch
@@ -126,10 +128,11 @@ interface:
   M_a: {dac: moment, full_scale: 1e5, initial: 0, noise: 1e-3*on}
 digital:
   period: 10 ms
-  program: {moment: -1e5 * alpha_sample}
+  program:
+    moment: -1e5 * alpha_sample
 run: {until: 400 ms}
 """
-RUNS, ROWS = 2000, 41
+RUNS, COPIES = 2000, 8
 #        name, full scale, lag in s, rms as a fraction of full scale
 PARTS = (
     ("M_a", 1e5, 0.5e-3, 1e-3),
@@ -163,17 +166,23 @@ def loop_matrices():
     return a, b, intensity
 
 
-def noise_of_one_cycle(a, intensity, period_s):
-    """Integral of exp(A s) W exp(A s)' over a cycle: Gauss quadrature on panels that double."""
+@functools.cache
+def spreads_of_one_cycle(period_s):
+    """Weights and exp(A s) over a cycle: Gauss quadrature on panels that double."""
+    a, _, _ = loop_matrices()
     nodes, weights = np.polynomial.legendre.leggauss(12)
     edges = np.concatenate([[0.0], period_s / 2.0 ** np.arange(8, -1, -1)])
-    total = np.zeros_like(a)
+    found = []
     for left, right in itertools.pairwise(edges.tolist()):
         half = (right - left) / 2
         for node, weight in zip(nodes, weights, strict=True):
-            spread = expm(a * (left + half * (1 + node)))
-            total += weight * half * spread @ intensity @ spread.T
-    return total
+            found.append((weight * half, expm(a * (left + half * (1 + node)))))
+    return found
+
+
+def noise_of_one_cycle(intensity, period_s):
+    """Integral of exp(A s) W exp(A s)' over a cycle."""
+    return sum(w * spread @ intensity @ spread.T for w, spread in spreads_of_one_cycle(period_s))
 
 
 @pytest.fixture(scope="module")
@@ -189,7 +198,7 @@ def cycle_of_covariance():
     carry = np.eye(11, 9)
     carry[10, PLACE["alpha"]] = -1e5  # the sample holds the noise of this very instant
     step[10] = -1e5 * step[PLACE["alpha"]]
-    return step, carry @ noise_of_one_cycle(a, intensity, 0.01) @ carry.T
+    return step, carry @ noise_of_one_cycle(intensity, 0.01) @ carry.T
 
 
 def finish_all(machine, runs):
@@ -214,10 +223,11 @@ def columns(machine, names):
 @pytest.fixture(scope="module", params=[False, True], ids=["exact engine", "nonlinear engine"])
 def ensemble(request, play):
     """Deviations from the quiet run, (runs, rows, signals of SHOWN)."""
-    machine = compile_patch(parse_patch(LOOP), as_circuit=request.param)
+    machine = compile_patch(parse_patch(in_copies(LOOP, COPIES)), as_circuit=request.param)
     quiet = play(LOOP, {"on": 0.0})
     calm = np.stack([quiet[name] for name in SHOWN], axis=1)
-    return finish_all(machine, RUNS)[:, :, columns(machine, SHOWN)] - calm
+    shown = columns(machine, [f"{name}_{k}" for name in SHOWN for k in range(COPIES)])
+    return apart(finish_all(machine, RUNS // COPIES)[:, :, shown], COPIES) - calm
 
 
 def covariance_of_rows(cycle_of_covariance, rows):
@@ -264,14 +274,14 @@ def test_joint_covariance_over_the_whole_run(ensemble, cycle_of_covariance):
 def test_every_source_of_noise_matters_here(cycle_of_covariance):
     # The loop test can only see what makes a visible part of some variance: so that it can fail.
     whole = np.diag(covariance_of_rows(cycle_of_covariance, [40]))
-    a, _, intensity = loop_matrices()
+    _, _, intensity = loop_matrices()
     carry = np.eye(11, 9)
     carry[10, PLACE["alpha"]] = -1e5
     step = cycle_of_covariance[0]
     for name, place in PLACE.items():
         silent = intensity.copy()
         silent[place, place] = 0.0
-        gained = carry @ noise_of_one_cycle(a, silent, 0.01) @ carry.T
+        gained = carry @ noise_of_one_cycle(silent, 0.01) @ carry.T
         part = 1 - np.diag(covariance_of_rows((step, gained), [40])) / whole
         assert np.max(part) > 0.05, name
 

@@ -4,10 +4,10 @@ Bounds are 4.5 standard deviations of the estimate (5 or more where there are hu
 """
 
 import math
-import re
 
 import numpy as np
 import pytest
+from copies import apart, in_copies
 
 import hybrid
 from hybrid.compiler import compile_patch
@@ -52,21 +52,12 @@ COPIES = 8
 
 
 def ensemble(text, runs, parameters=None):
-    """Records of `runs` independent runs: (runs, rows, signals by name), at most COPIES in one.
-
-    To begin a run takes longer than these windows; so a machine has the whole patch COPIES times.
-    """
-    head, rest = text.split("analog:\n")
-    analog, tail = rest.split("run:")
-    names = sorted(re.findall(r"^  (\w+):", analog, re.M))
-    own = re.compile(rf"\b({'|'.join(names)})\b")
-    copied = "".join(own.sub(rf"\g<1>_{k}", analog) for k in range(COPIES))
-    patch = hybrid.parse_patch(f"{head}analog:\n{copied}run:{tail}")
+    """Records of `runs` runs, with noise of their own: (runs, rows, signals by name)."""
+    patch = hybrid.parse_patch(in_copies(text, COPIES))
     machine = compile_patch(patch, parameters, as_circuit=True)
+    names = [pen.name for pen in pens_for(compile_patch(hybrid.parse_patch(text)))]
     assert [p.name for p in pens_for(machine)] == [f"{n}_{k}" for n in names for k in range(COPIES)]
-    found = records(machine, runs // COPIES)
-    apart = found.reshape(*found.shape[:2], len(names), COPIES)
-    return np.moveaxis(apart, 3, 1).reshape(-1, found.shape[1], len(names))
+    return apart(records(machine, runs // COPIES), COPIES)
 
 
 def records(machine, runs):
