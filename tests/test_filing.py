@@ -72,7 +72,8 @@ def test_leaving_at_once_never_waits(heard: bool) -> None:
             with Filing(chart=True) as filing:
                 time.sleep(wait_s)  # at every stage of its loading
                 began = time.monotonic()
-            assert time.monotonic() - began < 2.0 * PATIENCE_S + 1.0
+            # It would wait for ever; others may have the processor for longer than PATIENCE_S.
+            assert time.monotonic() - began < 2.0 * PATIENCE_S + 60.0
             assert not filing.process.is_alive()
     finally:
         signal.signal(signal.SIGTERM, before)

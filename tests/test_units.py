@@ -154,10 +154,10 @@ def test_a_refusal_says_why_in_one_line(text, reason):
 )
 def test_hostile_text_costs_nothing(text):
     parse_quantity("1 s")  # the import of pint is not what is timed
-    start = time.perf_counter()
+    start = time.process_time()
     with contextlib.suppress(UnitError):
         parse_quantity(text)
-    assert time.perf_counter() - start < 0.5
+    assert time.process_time() - start < 5.0  # of the processor; it would be minutes
 
 
 @seeded
