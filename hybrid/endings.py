@@ -13,13 +13,13 @@ from hybrid.engine import kernel
 from hybrid.engine.linear import Player
 from hybrid.engine.ranges import outside
 from hybrid.errors import known_as
-from hybrid.machine import Machine, utilisation
+from hybrid.indicators import overloads_of
+from hybrid.machine import Machine
 from hybrid.roundoff import word_lengths
 from hybrid.scale import to_seconds
 from hybrid.tables import STOPS
-from hybrid.tasks import ROUNDING
 from hybrid.wordlength import LARGEST_SINGLE, Kind
-from hybrid.workload import beyond_the_processor
+from hybrid.workload import load_text, task_rows
 
 # Functions asked beyond their range that the note of a run tells of.
 MOST_OUTSIDE = 3
@@ -35,7 +35,7 @@ def ending(player: Player) -> tuple[str, str]:
     if player.outcome == kernel.DONE and player.timeline.why_stopped:
         return "stopped", f"stopped at {player.done_s:.9g} s: {player.timeline.why_stopped}"
     if player.outcome == kernel.OVERLOADED:
-        first = player.overloads()[0]
+        first = overloads_of(player)[0]
         return "stopped", (
             f"stopped at {first.time_s:.9g} s: {first.signal} is beyond its full scale, and run: has "
             "on_overload: stop"
@@ -72,7 +72,7 @@ def ending(player: Player) -> tuple[str, str]:
         _held_note(player),
         _short_note(machine),
         _late_readouts(machine),
-        _too_much(machine),
+        load_text(machine, task_rows(machine, player.timeline, player.done_ticks)),
         _left_out(player),
         _outside_note(player),
         *player.remarks(),
@@ -114,16 +114,8 @@ def _held_note(player: Player) -> str:
     """Since when and why the machine is in HOLD after an overload; '' where it is not."""
     if player.held_s is None:
         return ""
-    first = player.overloads()[0].signal
+    first = overloads_of(player)[0].signal
     return f"in HOLD since {player.held_s:.9g} s: {first} went beyond its full scale"
-
-
-def _too_much(machine: Machine) -> str:
-    """That the tasks, or the operations of the program, ask for more than the processor has; ''."""
-    total = utilisation(machine.timing.tasks)
-    if total <= 1.0 + ROUNDING:
-        return beyond_the_processor(machine)
-    return f"the tasks ask for {100 * total:.4g} % of the processor's time, so cycles are left out"
 
 
 def _left_out(player: Player) -> str:

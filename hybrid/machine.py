@@ -23,6 +23,9 @@ from hybrid.tape import Tape
 
 Floats = npt.NDArray[np.float64]
 
+# A signal this close to its saturation level would have gone further.
+AT_SATURATION = 1.0 - 1e-6
+
 
 @dataclass(frozen=True, eq=False)
 class Analog:

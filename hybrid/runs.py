@@ -25,8 +25,9 @@ from hybrid.engine.ranges import outside
 from hybrid.engines import check_engine, engine_of, player_of, wants_circuit
 from hybrid.errors import PatchError, counted, known_as
 from hybrid.growth import growth_text
+from hybrid.indicators import overloads_of
 from hybrid.linearity import NotLinear
-from hybrid.machine import Floats, Machine, Pen
+from hybrid.machine import AT_SATURATION, Floats, Machine, Pen
 from hybrid.patch import Readout
 from hybrid.readout import FEWEST_ROWS_PER_CYCLE, READOUTS, figures, measure_transient
 from hybrid.record import full_scales, pens_for, record_parts, signal_units
@@ -215,7 +216,7 @@ def run(
         keep_every,
         pens,
         player.record,
-        _overloads(compiled, player.overloads()),
+        _overloads(compiled, overloads_of(player)),
         compiled.operation.done(player.done_ticks) if compiled.operation else 0,
         engine=played_by,
         engine_error=player.engine_error,
@@ -390,12 +391,19 @@ def _window(readout: Readout, scope: Mapping[str, float], result: Run) -> tuple[
 
 
 def _first_clip(readout: Readout, result: Run) -> dict[str, Any] | None:
-    """The first overload of a converter that clips, for a transient; analog signals go on."""
+    """The first overload, for a transient, of what clips: a converter, or an analog signal that came to
+    its saturation; one below goes on as it was patched."""
     if readout.kind != "transient" or not result.overloads:
         return None
-    clips = {s.name for s in result.machine.samplers if s.clips}
-    clips |= {h.name + DAC_SUFFIX for h in result.machine.holders if h.clips}
-    return next((o for o in result.overloads if o["signal"] in clips), None)
+    machine = result.machine
+    clips = {s.name for s in machine.samplers if s.clips}
+    clips |= {h.name + DAC_SUFFIX for h in machine.holders if h.clips}
+    for o in result.overloads:
+        stage = machine.stages.get(o["signal"])
+        level = AT_SATURATION * stage.saturation if stage else math.inf
+        if o["signal"] in clips or abs(o["worst_value"]) >= level * o["full_scale"]:
+            return o
+    return None
 
 
 def _overload_note(readout: Readout, result: Run, last: int) -> str:

@@ -25,6 +25,7 @@ from hybrid.workload import TaskRow, columns, total_utilisation
 TRANSIENT = ("omega", "omega_damped", "zeta")
 MOST_SWEEP_ROWS = 12
 MOST_OVERLOADS = 10
+FEWEST_DIGITS, MOST_DIGITS = 5, 17  # of an overload; a double has no more
 WIDEST = 100_000  # letters
 NARROWEST_WRAP = 60
 
@@ -116,7 +117,7 @@ def show_run(
 
 def _show_tasks(console: Console, rows: Sequence[TaskRow]) -> None:
     """How several tasks shared the processor; one program is its own measure."""
-    if len(rows) > 1 or any(row.period_s is None for row in rows):
+    if len(rows) > 1 or any(row.period_s is None or row.overruns for row in rows):
         headings, cells = columns(rows)
         total = 100 * total_utilisation(rows)
         title = f"Tasks, {total:.4g} % of the processor's time; rank 1 goes first"
@@ -173,21 +174,31 @@ def _poles_text(rates: Sequence[float]) -> str:
 def _show_overloads(console: Console, overloads: Sequence[Mapping[str, Any]]) -> None:
     if not overloads:
         return
-    rows = [
-        (
-            o["signal"],
-            figure(o["time_s"], 7),
-            f"{figure(o['worst_value'], 5)} {o['units']}".strip(),
-            figure(o["worst_time_s"], 7),
-            figure(o["full_scale"], 5),
+    rows = []
+    for o in overloads[:MOST_OVERLOADS]:
+        digits = _digits_apart(o["worst_value"], o["full_scale"])
+        rows.append(
+            (
+                o["signal"],
+                figure(o["time_s"], 7),
+                f"{figure(o['worst_value'], digits)} {o['units']}".strip(),
+                figure(o["worst_time_s"], 7),
+                figure(o["full_scale"], digits),
+            )
         )
-        for o in overloads[:MOST_OVERLOADS]
-    ]
     console.print()
     columns = ("overload", "first at s", "worst", "at s", "full scale")
     show_table(console, "", columns, rows, style="red")
     if len(overloads) > MOST_OVERLOADS:
         console.print(f"and {len(overloads) - MOST_OVERLOADS} more")
+
+
+def _digits_apart(worst: float, full_scale: float) -> int:
+    """So many digits that two show of what the worst value is beyond full scale by: 10.0013 of 10."""
+    excess = abs(worst) / full_scale - 1.0
+    if not 0.0 < excess < 1.0:
+        return FEWEST_DIGITS
+    return min(max(FEWEST_DIGITS, math.ceil(-math.log10(excess)) + 2), MOST_DIGITS)
 
 
 def show_prediction(console: Console, prediction: Prediction) -> None:

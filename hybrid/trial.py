@@ -19,7 +19,7 @@ from hybrid.endings import ending
 from hybrid.engine import kernel
 from hybrid.engine.linear import DAC_SUFFIX, Player
 from hybrid.engines import player_of
-from hybrid.machine import Floats, Machine, Pen
+from hybrid.machine import AT_SATURATION, Floats, Machine, Pen
 from hybrid.record import full_scales
 from hybrid.scale import to_seconds
 from hybrid.timeline import build_timeline
@@ -31,11 +31,15 @@ LONGEST_WALL_S = 5.0
 MOST_KEPT = 400_000
 # A signal that stays below this share of its full scale loses a digit of a four-digit machine.
 LITTLE = 0.1
+# Above this share nothing is left for tolerance and noise, 0.01 % each of a machine of 1964: a precision
+# part's tolerance and nine standard deviations of its noise.
+NO_HEADROOM = 0.999
 # Full scales that read well on a meter, and what rounding may add to a signal that just fills one.
 ROUND = (1.0, 1.2, 1.5, 2.0, 2.5, 3.0, 4.0, 5.0, 6.0, 8.0, 10.0)
 SLACK = 1e-9
-# A signal this close to its saturation level would have gone further.
-AT_SATURATION = 1.0 - 1e-6
+# What an operator leaves above the largest value: twice the widest tolerance of `machines`, 2.1 %, and
+# some for its noise.
+HEADROOM = 0.05
 
 
 @dataclass(frozen=True, slots=True)
@@ -137,13 +141,14 @@ def _by_name(signals: tuple[str, ...], values: Floats) -> dict[str, float]:
     return dict(zip(signals, values.tolist(), strict=True))
 
 
-def round_above(value: float) -> float:
-    """The next round figure from a positive value on: 1, 1.2, 1.5, 2, 2.5, 3, 4, 5, 6, 8 times a power
-    of ten."""
-    power = math.floor(math.log10(value))
+def round_above(value: float, headroom: float = HEADROOM) -> float:
+    """A round full scale for a largest magnitude: the next of 1, 1.2, 1.5, 2, 2.5, 3, 4, 5, 6, 8 times a
+    power of ten that leaves `headroom`, a share of the value, so with any never the value itself."""
+    least = value * (1.0 + headroom)
+    power = math.floor(math.log10(least))
     for digit in ROUND:
         found = float(f"{digit:g}e{power}")
-        if found >= value * (1.0 - SLACK):
+        if found >= least * (1.0 - SLACK):
             return found
     return float(f"1e{power + 1}")
 
@@ -165,17 +170,21 @@ def uses(machine: Machine, trial: Trial | None) -> dict[str, Use]:
     signals, scales = machine.analog.signals, full_scales(machine)
     if trial is None or not trial.tells:
         return dict.fromkeys(signals, Use())
-    return {name: _use(trial, name, scales[name]) for name in signals}
+    return {name: _use(trial, name, scales[name], name in machine.logic) for name in signals}
 
 
-def _use(trial: Trial, name: str, full_scale: float) -> Use:
+def _use(trial: Trial, name: str, full_scale: float, is_level: bool) -> Use:
+    """is_level: of a comparator, whose high and low need no headroom, as nothing watches them."""
     used = trial.largest_mu[name]
     found = Use(used * full_scale, used)
     if name in trial.held_back:
         return replace(found, remark="held back, so it needs more than that")
     if used == 0.0:
         return replace(found, remark="stays at zero")
-    found = replace(found, proposed=round_above(used * full_scale))
+    headroom = 0.0 if is_level else HEADROOM
+    found = replace(found, proposed=round_above(used * full_scale, headroom))
     if used > 1.0 + SLACK:
         return replace(found, remark="beyond its range")
+    if used > NO_HEADROOM and not is_level:
+        return replace(found, remark="no headroom")
     return replace(found, remark="below 10 %") if used < LITTLE else found

@@ -11,10 +11,11 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
+from hybrid.errors import counted
 from hybrid.machine import Machine, TaskTiming
 from hybrid.rota import TaskReport
 from hybrid.scale import to_seconds
-from hybrid.tasks import program_operations
+from hybrid.tasks import ROUNDING, program_operations
 from hybrid.timeline import Timeline
 
 # Of a timeline that never repeats, some seconds of laying out.
@@ -153,6 +154,22 @@ def warnings(machine: Machine, rows: Sequence[TaskRow]) -> list[str]:
                 f"before has ended; they are {does[task.overrun]} (overrun: {task.overrun})"
             )
     return found
+
+
+def load_text(machine: Machine, rows: Sequence[TaskRow]) -> str:
+    """The same of a run that was played, without places: too much work, and what became of cycles that
+    were due too early; ''."""
+    did = {"skip": "left out {}", "queue": "began {} late", "stop": "ended the run by {}"}
+    overrun = {task.name: task.overrun for task in machine.timing.tasks}
+    total = total_utilisation(rows)
+    told = [beyond_the_processor(machine)]
+    if overrun and total > 1.0 + ROUNDING:
+        told.append(f"the tasks ask for {100 * total:.4g} % of the processor's time")
+    for row in rows:
+        if row.overruns:
+            what = did[overrun[row.task]].format(counted(row.overruns, "cycle"))
+            told.append(f"task {row.task} {what} (overrun: {overrun[row.task]})")
+    return "; ".join(filter(None, told))
 
 
 def beyond_the_processor(machine: Machine) -> str:

@@ -35,31 +35,43 @@ def checked(text, **order):
 @pytest.mark.parametrize(
     ("value", "expected"),
     [
-        (1.0, 1.0),
-        (1.0 + 1e-12, 1.0),
-        (1.0000001, 1.2),
-        (0.03, 0.03),
+        (1.0, 1.2),  # a round figure is not its own full scale
+        (0.03, 0.04),
         (2.0142, 2.5),
-        (8.01, 10.0),
-        (999.0, 1000.0),
-        (1000.0, 1000.0),
+        (7.6, 8.0),
+        (7.7, 10.0),  # 5 % above it is 8.085
+        (950.0, 1000.0),
+        (999.0, 1200.0),
+        (1000.0, 1200.0),
         (1.3e-9, 1.5e-9),
         (7e20, 8e20),
     ],
 )
-def test_round_figures(value, expected):
+def test_full_scales_are_round_figures_with_five_per_cent_of_headroom(value, expected):
     assert round_above(value) == expected
+    assert round_above(value) >= 1.05 * value
+
+
+@pytest.mark.parametrize("value", [d * 10.0**p for d in trial.ROUND[:-1] for p in (-7, 0, 12)])
+def test_no_round_figure_is_its_own_full_scale(value):
+    assert round_above(value) > value * 1.04
+    assert round_above(value, 0.0) == pytest.approx(value, rel=1e-15)  # a comparator's level is
+
+
+@pytest.mark.parametrize(("value", "expected"), [(1.0 + 1e-12, 1.0), (1.0000001, 1.2)])
+def test_rounding_takes_no_level_to_the_next_round_figure(value, expected):
+    assert round_above(value, 0.0) == expected
 
 
 def test_full_scales_by_hand():
     found, rows = checked(SCALES)
     assert (found.trial.status, found.trial.played_s, found.trial.note) == ("complete", 1.0, "")
     expected = {  # largest, share of full scale, proposed, remark
-        "wave": (3.0, 1.5, 3.0, "beyond its range"),
-        "faint": (0.03, 0.03, 0.03, "below 10 %"),
+        "wave": (3.0, 1.5, 4.0, "beyond its range"),
+        "faint": (0.03, 0.03, 0.04, "below 10 %"),
         "good": (1.8, 0.9, 2.0, ""),
         "none": (0.0, 0.0, None, "stays at zero"),
-        "push": (0.5, 0.5, 0.5, ""),
+        "push": (0.5, 0.5, 0.6, ""),
         "ramp": (1.8, 0.9, 2.0, ""),  # -0.2 + 4 * 0.5 * 1 s
     }
     for name, (largest, used, proposed, remark) in expected.items():
@@ -109,7 +121,16 @@ def test_a_full_scale_that_is_far_off_is_put_right():
     text = RUNAWAY.replace("{x: 100 1/s}", "{one: 1e9 1/s}").replace("initial: 1 V", "initial: 0 V")
     _, rows = checked(text.replace("  x:", "  one: {constant: 1 V, full_scale: 1 V}\n  x:"))
     assert rows["x"].largest == pytest.approx(1e9, rel=1e-12)
-    assert (rows["x"].proposed, rows["x"].remark) == (1e9, "beyond its range")
+    assert (rows["x"].proposed, rows["x"].remark) == (1.2e9, "beyond its range")
+    assert (rows["one"].proposed, rows["one"].remark) == (1.2, "no headroom")
+
+
+def test_a_comparators_levels_need_no_headroom():
+    text = SCALES.replace(
+        "run:", "  beyond: {compare: {wave: 1}, high: 1, low: -1, full_scale: 1}\nrun:"
+    )
+    _, rows = checked(text)
+    assert (rows["beyond"].used, rows["beyond"].proposed, rows["beyond"].remark) == (1.0, 1.0, "")
 
 
 def test_noise_takes_no_range():
@@ -153,7 +174,10 @@ def test_what_clips_needs_more_than_it_shows():
 def test_shipped_patches_are_well_scaled_by_their_own_headers(name):
     rows = hybrid.check(name).scaling
     assert all(row.used is not None and row.used <= 1.0 + 1e-6 for row in rows)
-    assert all(row.proposed is None or row.proposed >= row.largest * (1 - 1e-9) for row in rows)
+    levels = {row.signal for row in rows if row.kind == "compare"}
+    for row in rows:
+        room = 0.0 if row.signal in levels else 0.05
+        assert row.proposed is None or row.proposed >= row.largest * (1 + room) * (1 - 1e-9)
 
 
 PARTS = """
@@ -214,7 +238,7 @@ def test_the_command_writes_no_files(tmp_path, monkeypatch, capsys):
     assert main(["check", "scales.yaml"]) == 0
     printed = capsys.readouterr().out
     line = next(line for line in printed.splitlines() if "beyond its range" in line)
-    assert line.split() == ["wave", "beyond", "its", "range", "3", "V", "150", "%", "2", "3"]
+    assert line.split() == ["wave", "beyond", "its", "range", "3", "V", "150", "%", "2", "4"]
     assert main(["check", "scales.yaml", "--no-trial"]) == 0
     assert "Trial run" not in capsys.readouterr().out
     assert main(["check", "scales.yaml", "--json"]) == 0

@@ -136,7 +136,49 @@ def test_a_run_tells_of_its_tasks(tmp_path, capsys):
     assert [row["task"] for row in told] == ["fast", "slow"] and told[1]["cycles"] == 25
     assert main(["run", str(file), "--no-chart", "--out", str(tmp_path)]) == 0
     shown = capsys.readouterr().out
-    assert "110 % of the processor's time" in shown and "0.028" in shown
+    assert "the tasks ask for 110 % of the processor's time; task slow left out 25 cycles" in shown
+    assert "(overrun: skip)" in shown and "0.028" in shown
+    table = next(line.split() for line in shown.splitlines() if line.startswith("slow "))
+    assert table[-2:] == ["25", "25"]  # cycles, and those that were due too early
+
+
+def test_a_run_tells_of_cycles_left_out_where_the_load_is_no_more_than_the_processor_has():
+    # slow 0-6 (cooperative), fast due at 0 and 5: begins at 6, so the tick at 5 is left out; again every
+    # 20 ms, of which 6 + 4 are asked for.
+    text = """
+title: A long task in the way
+machine: ideal
+digital:
+  scheduling: cooperative
+  tasks:
+    fast: {period: 5 ms, compute_time: 1 ms, priority: 1, program: {v: 1}}
+    slow: {period: 20 ms, compute_time: 6 ms, priority: 2, program: {w: 1}}
+run: {until: 100 ms, every: 1 ms}
+"""
+    result = hybrid.run(parse_patch(text))
+    assert sum(row.utilisation for row in result.tasks) == pytest.approx(0.5)
+    late = next(row.overruns for row in result.tasks if row.task == "fast")
+    assert late == pytest.approx(5, abs=1)
+    assert result.status_note == f"task fast left out {late} cycles (overrun: skip)"
+    queued = text.replace("compute_time: 1 ms,", "compute_time: 1 ms, overrun: queue,")
+    assert f"task fast began {late} cycles late (overrun: queue)" in (
+        hybrid.run(parse_patch(queued)).status_note
+    )
+
+
+def test_a_lonely_task_that_is_late_has_its_table(tmp_path, capsys):
+    text = """
+title: One task
+machine: ideal
+digital: {tasks: {only: {period: 10 ms, compute_time: 15 ms, program: {v: 1}}}}
+run: {until: 1 s, every: 10 ms}
+"""
+    file = tmp_path / "one.yaml"
+    file.write_text(text)
+    assert main(["run", str(file), "--no-chart", "--out", str(tmp_path)]) == 0
+    shown = capsys.readouterr().out
+    assert "the tasks ask for 150 % of the processor's time; task only left out" in shown
+    assert "Tasks, 150 % of the processor's time" in shown
 
 
 def test_a_check_warns_of_too_much_work(tmp_path, capsys):

@@ -190,3 +190,26 @@ def test_the_limit_of_the_cycle_time(patches) -> None:
     found = predict(patches[0], max_damping_error=0.01)
     line = next(x for x in printed(show_prediction, found) if "T up to" in x)
     assert float(line.split()[-2]) == pytest.approx(found.max_cycle_s, rel=1e-8)
+
+
+BARELY = """
+title: Barely too much
+machine: {preset: ideal, saturation: 1.1}
+analog:
+  x: {constant: 10.0013 V, full_scale: 10 V}
+  y: {constant: 1.00000012 V, full_scale: 1 V}
+  z: {constant: 30 V, full_scale: 10 V}
+run: {until: 1 s, every: 0.1 s}
+"""
+
+
+def test_an_overload_shows_by_how_much() -> None:
+    """Two digits of what is beyond: 1.3 mV of 10 V, 0.12 uV of 1 V; 11 V, where z saturates."""
+    lines = printed(show_run, hybrid.run(hybrid.parse_patch(BARELY)), "", [])
+    for name, worst, full_scale in (
+        ("x", "10.0013", "10"),
+        ("y", "1.00000012", "1"),
+        ("z", "11", "10"),
+    ):
+        cells = next(line for line in lines if line.startswith(f"{name} ")).split()
+        assert (cells[2], cells[-1]) == (worst, full_scale)

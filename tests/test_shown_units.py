@@ -5,7 +5,9 @@ import math
 import pytest
 
 import hybrid
+from hybrid.compiler import compile_patch
 from hybrid.errors import PatchError
+from hybrid.record import signal_units
 
 PATCH = """\
 title: Units
@@ -76,3 +78,64 @@ def test_units_that_do_not_fit(old, new, said):
     with pytest.raises(PatchError) as caught:
         hybrid.parse_patch(PATCH.replace(old, new, 1), "units.yaml")
     assert str(caught.value).startswith("units.yaml:5: ") and said in str(caught.value)
+
+
+CROSSED = """\
+title: A word, its DAC and what becomes of them
+machine: ideal
+analog:
+  theta_dot: {integrate: {moment: 1}, initial: 0 rad/s, full_scale: 90 deg/s}
+  theta: {integrate: {theta_dot: 1}, initial: 0.1 rad, full_scale: 60 deg}
+interface:
+  angle: {adc: theta, bits: 14}
+  moment: {dac: asked, bits: 14, full_scale: 720 deg/s^2, initial: 0, LEAD}
+digital:
+  period: 10 ms
+  compute_time: 0
+  units: {half: deg}
+  full_scales: {half: 1 rad}
+  program:
+    half: angle/2
+    asked: -2*k*half
+parameters: {k: 4 1/s^2}
+run: {until: 1 s}
+record: [theta, theta_dot, moment, asked, half]
+readouts: {pitch: {final: theta}, push: {final: moment}}
+"""
+
+
+@pytest.mark.parametrize("lead", ["lead: 5 ms", ""])
+@pytest.mark.parametrize(
+    "on", [None, "digital", "analog", {"asked": "analog"}, {"theta": "digital"}]
+)
+def test_units_are_those_of_the_patch_on_either_machine(on, lead):
+    """theta is in deg, asked in its DAC's deg/s^2, half in deg; x'' = -4 x, and theta 0.1 rad at first."""
+    text = CROSSED.replace(", LEAD", f", {lead}" if lead else "")
+    run = hybrid.run(hybrid.parse_patch(text, on=on))
+    units = {name: variable.attrs["units"] for name, variable in run.record.data_vars.items()}
+    due = {"theta": "deg", "theta_dot": "deg/s", "asked": "deg/s^2", "half": "deg"}
+    assert due.items() <= units.items()
+    assert units.get("moment", "deg/s^2") == "deg/s^2"
+    assert run.readouts["push"]["units"] == "deg/s^2" and run.readouts["pitch"]["units"] == "deg"
+    degrees = math.degrees(0.1)
+    record = run.record.isel(time=10)  # hold and lead move the phase by 0.01 * 2 rad/s and less
+    now = degrees * math.cos(0.2)
+    assert float(record["theta"]) == pytest.approx(now, rel=0.03)
+    assert float(record["half"]) == pytest.approx(now / 2, rel=0.03)
+    assert float(record["asked"]) == pytest.approx(-4 * now, rel=0.03)
+
+
+@pytest.mark.parametrize("name", sorted(hybrid.shipped_patches()))
+def test_shipped_patches_keep_their_units_all_digital(name):
+    plain = signal_units_of(hybrid.read_patch(name))
+    try:
+        moved = signal_units_of(hybrid.read_patch(name, on="digital"))
+    except PatchError as reason:
+        assert "digital" in str(reason) or "word" in str(reason)
+        return
+    both = plain.keys() & moved.keys()
+    assert both and {n: moved[n] for n in both} == {n: plain[n] for n in both}
+
+
+def signal_units_of(patch):
+    return signal_units(compile_patch(patch))

@@ -48,6 +48,9 @@ class Crossings:
         self.dacs = {d.name: d for d in patch.dacs}
         self.adcs = {a.name: a for a in patch.adcs}
         self.full_scales = {d.word: scale_of(d) for d in reversed(patch.dacs)} | dict(full_scales)
+        for word in program.units.keys() & self.full_scales.keys():
+            unit, factor = program.units[word]
+            self.full_scales[word] = replace(self.full_scales[word], unit=unit, factor=factor)
         self.full_scales |= {part.name: scale_of(part) for part in patch.analog_parts}
         self.cords = {
             word: entry.expr.id

@@ -19,6 +19,7 @@ from hybrid.patchfile.parameters import read_parameters
 from hybrid.patchfile.parts import expand
 from hybrid.patchfile.placing import Placement, told_from
 from hybrid.patchfile.program import read_full_scales, read_program, usual_habits
+from hybrid.patchfile.shownunits import with_units_of_dacs
 from hybrid.patchfile.source import name_of, read_text, short
 from hybrid.patchfile.tables import read_tables
 from hybrid.patchfile.transfer import Orders, transferred
@@ -88,7 +89,7 @@ def parse_patch(text: str, file: str = "<text>", on: Placement = None) -> Patch:
     _try_numbers(patch, [scale.value for scale in full_scales.values()])
     habits = usual_habits(book)
     orders = Orders(flat.told, outside, flat.parts, habits, flat.homes, full_scales)
-    return with_leads(transferred(patch, orders))
+    return with_leads(transferred(with_units_of_dacs(patch), orders))
 
 
 def _try_numbers(patch: Patch, others: list[Value]) -> None:

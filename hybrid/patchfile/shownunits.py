@@ -1,11 +1,13 @@
-"""The key `units` of the digital machine: the units in which words and states are shown."""
+"""The units in which words and states are shown: by the key `units` of the digital machine, or a DAC."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import replace
 
 from hybrid.errors import PatchError, did_you_mean, quoted
 from hybrid.fields import in_words, table_of
+from hybrid.patch import Patch
 from hybrid.units import PURE, Dimension, UnitError, unit_of
 from hybrid.yamltree import Table, Text, kind_of
 
@@ -34,3 +36,16 @@ def read_shown_units(
             )
         found[word] = unit, factor
     return found
+
+
+def with_units_of_dacs(patch: Patch) -> Patch:
+    """The patch with the unit of its DAC for every word that has none of its own.
+
+    Settled before anything is put on another machine, where the converter may be no more or have another
+    word: what is shown is to be as it is written.
+    """
+    program = patch.program
+    if program is None:
+        return patch
+    of_dacs = {dac.word: (dac.unit, dac.factor) for dac in patch.dacs}
+    return replace(patch, program=replace(program, units={**of_dacs, **program.units}))
