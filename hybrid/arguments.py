@@ -13,11 +13,11 @@ from numbers import Integral, Real
 from typing import Any
 
 from hybrid.compiler import LARGEST_SERIAL, compile_patch
-from hybrid.errors import PatchError, Place, RunError, did_you_mean, quoted, shown
+from hybrid.errors import PatchError, RunError, did_you_mean, shown
 from hybrid.machine import Machine
 from hybrid.machines import PRESETS
 from hybrid.patch import Patch
-from hybrid.patchfile import parse_override, read_patch
+from hybrid.patchfile import parse_override, place_of, read_patch
 
 Source = Patch | str | os.PathLike[str]
 Parameters = Mapping[str, float | str]
@@ -68,10 +68,8 @@ def parameter_of(patch: Patch, name: str, value: float | str) -> float:
         return parse_override(patch, name, plain)
     number = finite_number(plain)
     if number is None:
-        what = (
-            f"{name} is {shown(value)}; give a finite number in SI units, or a text with its unit"
-        )
-        raise PatchError(what, Place(patch.file))
+        due = "give a finite number in SI units, or a text with its unit"
+        raise PatchError(f"{name} cannot be {shown(value)}; {due}", place_of(patch, name))
     return number
 
 
@@ -79,9 +77,7 @@ def check_parameter(patch: Patch, name: str) -> None:
     """Raise PatchError where the patch has no such parameter."""
     if not isinstance(name, str):
         raise RunError(f"{shown(name)} is no name of a parameter; names are texts")
-    if name not in patch.parameters:
-        hint = did_you_mean(name, patch.parameters)
-        raise PatchError(f"no parameter {quoted(name)}; {hint}", Place(patch.file))
+    patch.check_settable(name)
 
 
 def preset_of(machine: str | None) -> str | None:

@@ -143,7 +143,7 @@ def unit_words(text: str) -> frozenset[str]:
     """Names in the unit of a quantity, lower case: {"rad", "s"} of "10 rad/s", none of "10"."""
     if not looks_like_quantity(text):
         return frozenset()
-    return frozenset(re.findall(r"[^\W\d_]+|%", split_quantity(text)[1].lower()))
+    return frozenset(re.findall(r"[^\W\d_]+|[%°]", split_quantity(text)[1].lower()))
 
 
 def fits(text: str, found: Dimension | None, wanted: Dimension) -> bool:

@@ -58,6 +58,13 @@ def _whole(text: str) -> int:
     return int(text)
 
 
+def _decimal(text: str) -> float:
+    """A decimal number; float() takes more, such as 1_0 and digits of other scripts."""
+    if not re.fullmatch(r"[+-]?([0-9]+\.?[0-9]*|\.[0-9]+)([eE][+-]?[0-9]+)?|[+-]?(nan|inf)", text):
+        raise argparse.ArgumentTypeError(f"{quoted(text)} is no number, such as 0.01")
+    return float(text)
+
+
 def parser() -> argparse.ArgumentParser:
     """The parser of the whole command line; `verb` in what it gives is the name of the verb."""
     made = _Parser(prog="hybrid", description="An emulated hybrid analog-digital computer.")
@@ -93,7 +100,7 @@ def _patch(made: argparse.ArgumentParser) -> None:
         action="append",
         default=[],
         metavar="NAME=VALUE",
-        help="set a parameter: cycle='2 ms'",
+        help="set a parameter, cycle='2 ms', or a time of a task, NAME.period='2 ms'",
     )
     made.add_argument(
         "--on",
@@ -152,7 +159,10 @@ def _run(made: argparse.ArgumentParser) -> None:
 
 def _predict(made: argparse.ArgumentParser) -> None:
     made.add_argument(
-        "--max-damping-error", type=float, metavar="X", help="find the largest T that keeps below X"
+        "--max-damping-error",
+        type=_decimal,
+        metavar="X",
+        help="find the largest T that keeps below X",
     )
 
 
@@ -165,8 +175,8 @@ def _sweep(made: argparse.ArgumentParser) -> None:
         "--over",
         action=_Once,
         required=True,
-        metavar="NAME=START:STOP:COUNT[:log]",
-        help="the range, evenly spaced (or :lin) or in the logarithm (:log)",
+        metavar="NAME=START:STOP:COUNT[:lin|:log]",
+        help="the range, evenly spaced (as with :lin) or evenly in the logarithm (:log)",
     )
     _seed(made)
     _many(made)
@@ -189,8 +199,8 @@ def _batch(made: argparse.ArgumentParser) -> None:
         "--over",
         action="append",
         default=[],
-        metavar="NAME=START:STOP:COUNT[:log]",
-        help="a range; of several, every combination is run",
+        metavar="NAME=START:STOP:COUNT[:lin|:log]",
+        help="a range, as of a sweep; of several, every combination is run",
     )
     made.add_argument("--runs", type=_whole, metavar="N", help="N runs of each, each its own noise")
     made.add_argument(
@@ -213,7 +223,7 @@ def patch_and_parameters(options: argparse.Namespace) -> tuple[Patch, dict[str, 
     for entry in options.set:
         name, equals, text = (part.strip() for part in entry.partition("="))
         if not (name and equals and text):
-            raise RunError(f"--set {entry!r} must be NAME=VALUE, such as --set cycle='2 ms'")
+            raise RunError(f"--set {quoted(entry)} must be NAME=VALUE, such as --set cycle='2 ms'")
         if name in texts:
             raise RunError(f"--set {name} is given twice")
         texts[name] = text
@@ -245,10 +255,13 @@ def with_chosen(patch: Patch, pens: str | None) -> tuple[Patch, list[str] | None
 
 
 def swept_range(over: str) -> tuple[str, str]:
-    """Name and range of --over NAME=START:STOP:COUNT[:log]."""
+    """Name and range of --over NAME=START:STOP:COUNT[:lin] or NAME=START:STOP:COUNT:log."""
     name, _, text = (part.strip() for part in over.partition("="))
-    if not text:
-        raise RunError(f"--over {over!r} must be NAME=START:STOP:COUNT or ...:COUNT:log")
+    if not (name and text):
+        raise RunError(
+            f"--over {quoted(over)} must be NAME=START:STOP:COUNT[:lin] or NAME=START:STOP:COUNT:log, "
+            "such as --over 'cycle=1 ms:5 ms:9'"
+        )
     return name, text
 
 

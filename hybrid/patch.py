@@ -21,6 +21,9 @@ from hybrid.modes import RESERVED_SIGNALS
 from hybrid.units import PURE, Dimension
 from hybrid.wordlength import Kind, Overflow, WordLength
 
+# What can be set of a task from outside, as TASK.period, where the patch says it.
+TASK_TIMES = ("period", "phase", "compute_time", "jitter")
+
 
 @dataclass(frozen=True, slots=True)
 class Value:
@@ -58,6 +61,7 @@ class Parameter:
     unit: str = ""
     factor: float = 1.0  # SI value of one `unit`
     dimension: Dimension = PURE
+    task: str = ""  # whose time it is, where it is not declared: one of TASK_TIMES
 
 
 @dataclass(frozen=True, slots=True)
@@ -362,18 +366,28 @@ class Patch:
         """
         given = dict(overrides or {})
         for name, number in given.items():
-            if name not in self.parameters:
-                hint = did_you_mean(name, self.parameters)
-                raise PatchError(f"no parameter {quoted(name)}; {hint}", Place(self.file))
+            self.check_settable(name)
             if not math.isfinite(number):
                 raise PatchError(f"{name} is {number}; give a finite number", Place(self.file))
         numbers: dict[str, float] = {}
         for name in self.parameter_order:
+            value = self.parameters[name].value
             if name in given:
-                numbers[name] = given[name]
-            else:
-                numbers[name] = self.parameters[name].value.number(numbers)
+                value = replace(value, expr=Number(given[name]))
+            numbers[name] = value.number(numbers)
         return numbers
+
+    def check_settable(self, name: str) -> None:
+        """Raise PatchError for what is no parameter and no time of a task that there still is."""
+        if name not in self.parameters:
+            hint = did_you_mean(name, self.parameters)
+            raise PatchError(f"no parameter {quoted(name)}; {hint}", Place(self.file))
+        task = self.parameters[name].task
+        if task and task not in [t.name for t in (self.program.tasks if self.program else ())]:
+            raise PatchError(
+                f"{name} cannot be set: nothing is left of task {task!r} on the digital machine (--on)",
+                self.parameters[name].value.place,
+            )
 
     @functools.cached_property
     def parameter_order(self) -> tuple[str, ...]:
@@ -414,9 +428,10 @@ class Patch:
 
     def __repr__(self) -> str:
         word = f", {len(self.program.words)} program words" if self.program else ""
+        declared = ", ".join(sorted(n for n, p in self.parameters.items() if not p.task))
         return (
             f"<Patch {self.title!r}: {len(self.components)} components, {len(self.adcs)} ADC, "
-            f"{len(self.dacs)} DAC{word}; parameters: {', '.join(sorted(self.parameters))}>"
+            f"{len(self.dacs)} DAC{word}; parameters: {declared}>"
         )
 
 

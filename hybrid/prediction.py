@@ -294,8 +294,10 @@ def largest_cycle_s(machine: Machine, max_damping_error: float) -> float | None:
     if not machine.timing.period:
         raise RunError("the patch has no digital machine, so no cycle time to find")
     if machine.timing.tasks:
+        periods = [f"{task.name}.period" for task in machine.timing.tasks if task.period]
         raise RunError(
-            "the patch has several tasks, each with a period of its own; sweep one instead"
+            "the patch has tasks, each with a period of its own, so there is no one T to find; sweep "
+            f"one instead: --over NAME=START:STOP:COUNT with {' or '.join(periods)}"
         )
     error = _damping_error(machine)
     fastest = max((m.omega_ideal for m in coupling.modes(machine)), default=0.0)

@@ -83,7 +83,7 @@ def full_scales(machine: Machine) -> dict[str, float]:
 def parameter_texts(machine: Machine) -> dict[str, str]:
     """Every parameter as a reader would write it, such as '1 ms'."""
     texts = {}
-    for name, value in machine.parameters.items():
+    for name, value in _told(machine).items():
         parameter = machine.patch.parameters[name]
         texts[name] = f"{value / parameter.factor:.12g} {parameter.unit}".strip()
     return texts
@@ -91,7 +91,14 @@ def parameter_texts(machine: Machine) -> dict[str, str]:
 
 def exact_parameters(machine: Machine, names: Iterable[str] | None = None) -> dict[str, float]:
     """Every parameter (or those named) in SI, to the last bit: what a replay takes."""
-    return {k: v for k, v in machine.parameters.items() if names is None or k in names}
+    return {k: v for k, v in _told(machine).items() if names is None or k in names}
+
+
+def _told(machine: Machine) -> dict[str, float]:
+    """Parameters that are declared, and times of tasks that were set; the others follow from these."""
+    known = machine.patch.parameters
+    told = (n for n in machine.parameters if n in machine.overrides or not known[n].task)
+    return {name: machine.parameters[name] for name in told}
 
 
 def machine_facts(machine: Machine) -> dict[str, Any]:

@@ -145,10 +145,14 @@ class Sweep:
 
 
 def parse_range(text: str, number: Callable[[str], float]) -> npt.NDArray[np.float64]:
-    """Values of 'START:STOP:COUNT' or 'START:STOP:COUNT:log'; `number` reads one end with its unit."""
-    parts = text.split(":")
+    """Values of 'START:STOP:COUNT', evenly spaced as with ':lin' behind it, or 'START:STOP:COUNT:log';
+    `number` reads one end with its unit."""
+    parts = [part.strip() for part in text.split(":")]
     if len(parts) not in (3, 4) or (len(parts) == 4 and parts[3] not in ("log", "lin")):
-        raise RunError(f"range {quoted(text)} must be START:STOP:COUNT or START:STOP:COUNT:log")
+        raise RunError(
+            f"range {quoted(text)} must be START:STOP:COUNT, evenly spaced (:lin behind it says so), or "
+            "START:STOP:COUNT:log"
+        )
     start, stop = number(parts[0]), number(parts[1])
     plain = parts[2].isascii() and parts[2].isdecimal()
     if not plain or len(parts[2]) > 9 or not 1 <= int(parts[2]) <= MOST_POINTS:

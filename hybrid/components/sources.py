@@ -150,11 +150,17 @@ class Sine(Kind):
     doc = "a sine wave"
     main = Key("sine", Holds.QUANTITY, "amplitude", Unit.OWN, required=True)
     keys = (
-        Key("omega", Holds.QUANTITY, "angular frequency in rad/s", Unit.RATE, Bound.POSITIVE),
+        Key(
+            "omega",
+            Holds.QUANTITY,
+            "angular frequency, such as 10 rad/s",
+            Unit.RATE,
+            Bound.POSITIVE,
+        ),
         Key(
             "frequency",
             Holds.QUANTITY,
-            "frequency in Hz, instead of omega",
+            "frequency, such as 50 Hz, instead of omega",
             Unit.RATE,
             Bound.POSITIVE,
         ),
@@ -171,7 +177,7 @@ class Sine(Kind):
     def complaint(self, values: Mapping[str, object]) -> str:
         """Exactly one of omega and frequency."""
         if ("omega" in values) == ("frequency" in values):
-            return "give either omega (rad/s) or frequency (Hz)"
+            return "give either omega, such as 10 rad/s, or frequency, such as 50 Hz"
         return ""
 
 

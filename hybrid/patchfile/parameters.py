@@ -38,7 +38,7 @@ def read_parameters(book: Book, settings: Mapping[str, Setting]) -> dict[str, Pa
         value, dimension = value_of(tree, f"parameter {name!r}", book.scope)
         if name in settings:
             dimension = _set_dimension(settings[name], dimension, book.scope)
-        unit, factor = _unit(tree.text, dimension, parameters)
+        unit, factor = unit_as_written(tree.text, dimension, parameters)
         parameters[name] = Parameter(name, value, unit, factor, dimension or PURE)
         book.scope[name], book.units[name] = dimension or PURE, unit
     return parameters
@@ -84,7 +84,7 @@ def _needed(name: str, tree: Text, known: dict[str, Text]) -> list[str]:
     return needed
 
 
-def _unit(
+def unit_as_written(
     text: str, dimension: Dimension | None, before: dict[str, Parameter]
 ) -> tuple[str, float]:
     """Unit in which a parameter is shown: as written, or that of the parameter it equals."""

@@ -22,6 +22,7 @@ from hybrid.patchfile.program import read_full_scales, read_program, usual_habit
 from hybrid.patchfile.shownunits import with_units_of_dacs
 from hybrid.patchfile.source import name_of, read_text, short
 from hybrid.patchfile.tables import read_tables
+from hybrid.patchfile.tasktimes import with_task_times
 from hybrid.patchfile.transfer import Orders, transferred
 from hybrid.shipped import find_patch
 from hybrid.yamltree import read_yaml
@@ -63,7 +64,7 @@ def parse_patch(text: str, file: str = "<text>", on: Placement = None) -> Patch:
     components = read_components(book)
     dacs = read_dacs(book)
     adcs = read_adcs(book)
-    program = read_program(book)
+    parameters, program = with_task_times(book, parameters, read_program(book))
     check_connections(book, flat.connections, program)
     check_cords(book, components, dacs, program)
     full_scales = read_full_scales(book, program)
