@@ -44,7 +44,6 @@ from hybrid.points import (
 )
 from hybrid.record import machine_facts
 from hybrid.runs import check_seed
-from hybrid.streams import stream
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -243,10 +242,9 @@ def orders_of(
             name: parameter_of(patch, name, at(column, parameters[name], index))
             for name, column in columns.items()
         }
-        own = at(seeds, seed, index)
-        if seeds is None:
-            own = int(stream(check_seed(own), "batch", str(index)).integers(2**53))
-        return Order(index, values, serial_of(at(serials, serial, index)), check_seed(own))
+        own = check_seed(at(seeds, seed, index))
+        lot = own if seeds is not None else (own, ("batch",))
+        return Order(index, values, serial_of(at(serials, serial, index)), lot)
 
     differ = tuple(name for name, column in columns.items() if column is not None)
     return tuple(order(i) for i in range(count)), differ

@@ -41,6 +41,7 @@ from hybrid.patch import Patch, Readout
 from hybrid.prediction import Prediction, predict_each
 from hybrid.record import patch_hash, signal_units, versions_text
 from hybrid.runs import run
+from hybrid.streams import stream
 from hybrid.together import attempt, passed_on
 
 MOST_POINTS = 1_000_000
@@ -58,12 +59,24 @@ Variable = tuple[tuple[str, ...], Any, dict[str, str]]
 
 @dataclass(frozen=True, slots=True)
 class Order:
-    """One run to be made: its parameters in SI, serial number (None: the patch's) and seed."""
+    """One run to be made: its parameters in SI, serial number (None: the patch's) and seed.
+
+    `lot`: its seed, or the seed and the names of the stream that draws it. To draw those of 300,000 runs
+    takes 10 s and more, so each is drawn when its run's turn comes.
+    """
 
     index: int
     parameters: dict[str, float]
     serial: int | None
-    seed: int
+    lot: int | tuple[int, tuple[str, ...]]
+
+    @property
+    def seed(self) -> int:
+        """For the noise of this run."""
+        if isinstance(self.lot, int):
+            return self.lot
+        of_all, stream_names = self.lot
+        return int(stream(of_all, *stream_names, str(self.index)).integers(2**53))
 
 
 @dataclass(frozen=True, slots=True)
@@ -131,7 +144,7 @@ def _played(
 ) -> tuple[Point, float]:
     """Run and read out one machine, if it is one; the point, and for how long the engine played."""
     modes: tuple[dict[str, Any], ...] = ()
-    note = ""
+    note, seed = "", order.seed
     try:
         if isinstance(machine, HybridError):
             raise machine
@@ -141,14 +154,14 @@ def _played(
             raise prediction
         elif prediction:
             modes = tuple(prediction.to_dicts())
-        result = run(machine, seed=order.seed, readouts_only=True, progress=progress)
+        result = run(machine, seed=seed, readouts_only=True, progress=progress)
     except HybridError as error:
-        return Point(order.index, {}, (), "failed", str(error), 0, order.seed), 0.0
+        return Point(order.index, {}, (), "failed", str(error), 0, seed), 0.0
     if result.status == "interrupted":  # half a run says nothing; all ends here
         raise KeyboardInterrupt
     notes = "; ".join(n for n in (note, result.status_note) if n)
     overloads = len(result.overloads)
-    point = Point(order.index, result.readouts, modes, result.status, notes, overloads, order.seed)
+    point = Point(order.index, result.readouts, modes, result.status, notes, overloads, seed)
     return point, result.played_s
 
 

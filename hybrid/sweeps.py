@@ -48,7 +48,6 @@ from hybrid.points import (
 )
 from hybrid.record import exact_parameters, machine_facts, parameter_texts
 from hybrid.runs import check_seed
-from hybrid.streams import stream
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -242,7 +241,7 @@ def sweep(
             index,
             {**given, over: value},
             serial_of(serial),
-            int(stream(seed, "sweep", over, str(index)).integers(2**53)),
+            (seed, ("sweep", over)),
         )
         for index, value in enumerate(numbers.tolist())
     ]

@@ -19,8 +19,16 @@ from hybrid.engine.corners import new_log
 from hybrid.engine.nodes import new_shelf, nodes
 from hybrid.engine.propagator import exponential_minus_one
 from hybrid.engine.reference import Reference
-from hybrid.engine.relaxation import CHATTER, DONE, RUNAWAY, Pen, advance, no_pen
-from hybrid.engine.sweep import EVENTS, NEXT, REJECTED, SWEEPS, WINDOWS, new_state
+from hybrid.engine.relaxation import CHATTER, DONE, PAUSED, RUNAWAY, Pen, advance, no_pen
+from hybrid.engine.sweep import (
+    EVENTS,
+    LAST_WINDOW,
+    NEXT,
+    REJECTED,
+    SWEEPS,
+    WINDOWS,
+    new_state,
+)
 
 
 class Run:
@@ -141,6 +149,29 @@ def against_reference(builder, duration_s, tolerance, held=None, rtol=1e-9):
 
 def test_van_der_pol_with_six_lags():
     against_reference(van_der_pol(1e-6), 5e-3, 1e-10)
+
+
+def test_a_pause_within_an_interval_changes_no_bit():
+    """A comparator switches on the way, so that corners, learned lengths and the log go on, too."""
+
+    def begun():
+        builder = van_der_pol(1e-6)
+        builder.piecewise("side", {"x": 1.0}, comparator_pieces(-0.5, 0.5, 0.0, 0.1), lag_s=1e-6)
+        return Run(builder)
+
+    whole, cut, pauses = begun(), begun(), 0
+    assert whole.play(5e-3) == DONE
+    while True:
+        cut.state.counts[LAST_WINDOW] = cut.state.counts[WINDOWS] + 5
+        cut.t_s = 0.0  # the same interval again
+        outcome = cut.play(5e-3)
+        if outcome != PAUSED:
+            break
+        pauses += 1
+    assert outcome == DONE and pauses > 10
+    assert cut.state.counts[EVENTS] == whole.state.counts[EVENTS] > 0
+    for name in ("start", "clock", "changes", "rungs", "overload"):
+        np.testing.assert_array_equal(getattr(cut.state, name), getattr(whole.state, name))
 
 
 def test_lorenz_scaled():

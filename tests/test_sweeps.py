@@ -10,7 +10,9 @@ import pytest
 import xarray as xr
 
 import hybrid
+from hybrid import points
 from hybrid.storage import write_dataset
+from hybrid.streams import stream
 
 PATCH = """
 title: Decay
@@ -151,3 +153,26 @@ def test_a_parameter_named_like_a_variable() -> None:
     text = PATCH.replace("tall", "value_end")
     with pytest.raises(hybrid.RunError, match="rename the parameter"):
         hybrid.sweep(hybrid.parse_patch(text), "value_end", [1.0])
+
+
+def test_a_long_sweep_begins_at_once_and_an_early_interrupt_keeps_what_is_done(
+    patch, monkeypatch
+) -> None:
+    """The seeds of 300,000 points would take longer to draw than the first points to play."""
+    drawn = []
+
+    def counted(seed, *names):
+        drawn.append(names)
+        return stream(seed, *names)
+
+    def interrupt(_: float) -> None:
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(points, "stream", counted)
+    result = hybrid.sweep(patch, "rate", "1:2:300000", jobs=1, progress=interrupt)
+    assert (result.status, len(result.points), len(drawn)) == ("interrupted", 1, 1)
+    (point,) = result.points
+    again = hybrid.sweep(patch, "rate", "1:2:300000", jobs=1, progress=interrupt)
+    assert again.points[0].seed == point.seed
+    own = stream(0, "sweep", "rate", str(point.index)).integers(2**53)
+    assert point.seed == own

@@ -21,20 +21,20 @@ from hybrid.engine.relaxation import (
     CHATTER,
     GATHERED,
     OVERLOADED,
+    PAUSED,
     RUNAWAY,
     SWITCHED,
     advance,
     hold_for_good,
 )
 from hybrid.engine.relaxation import Pen as WindowPen
-from hybrid.engine.sweep import FROZEN, ON_OVERLOAD, OVERLOAD_S, WINDOWS
+from hybrid.engine.sweep import FROZEN, LAST_WINDOW, ON_OVERLOAD, OVERLOAD_S, WINDOWS
 from hybrid.engine.sweep import State as CircuitState
 from hybrid.modes import OP, STOP_RUN
 
 # Instants between two looks at Ctrl-C.
 CHUNK_ADVANCES = 2000
-# Elements times windows after which no further instant is begun: some tenths of a second where
-# something switches fast.
+# Elements times windows between two looks at Ctrl-C, also within an interval: some tenths of a second.
 CHUNK_ELEMENTS = 600_000
 # To let loops settle before a run.
 MOST_PASSES = 1000
@@ -93,6 +93,8 @@ def follow(
     v[side.place.shape[0]] = side.state.start[side.mode[0]] if side.mode[0] >= 0 else OP
     if why == 0 or (why == SWITCHED and duration_s == 0.0):  # of an instant, all is done first
         return kernel.WAITING
+    if why == PAUSED:
+        return kernel.PAUSED
     if why == SWITCHED:
         side.called_s[0] = done_s
         return kernel.CALLED
@@ -141,6 +143,7 @@ def take_turns(
     """Like `kernel.play`, with the circuit as the analog side; at most CHUNK_ADVANCES instants."""
     cues, count = score.cues, state.counts
     last = side.state.counts[WINDOWS] + CHUNK_ELEMENTS // side.place.shape[0]
+    side.state.counts[LAST_WINDOW] = last
     for _ in range(CHUNK_ADVANCES):
         if side.state.counts[WINDOWS] > last:
             break

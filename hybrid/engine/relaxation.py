@@ -38,7 +38,9 @@ from hybrid.engine.sweep import (
     FIRST_S,
     FIRST_VALUE,
     FROZEN,
+    INTO_S,
     KNOWN,
+    LAST_WINDOW,
     LENGTH,
     NEXT,
     ON_OVERLOAD,
@@ -46,6 +48,7 @@ from hybrid.engine.sweep import (
     ROWS,
     STARTED,
     TIMES,
+    WINDOWS,
     WORST_S,
     WORST_VALUE,
     State,
@@ -56,8 +59,9 @@ from hybrid.engine.switching import chatters, count_change, gathers
 from hybrid.modes import CONTINUE, STOP_RUN
 
 # Why `advance` came back. SWITCHED: a comparator that starts a task. GATHERED: changes of a corner come
-# at ever shorter intervals, and have come too close to each other to be told apart.
-DONE, RUNAWAY, CHATTER, UNRESOLVED, OVERLOADED, SWITCHED, GATHERED = range(7)
+# at ever shorter intervals, and have come too close to each other to be told apart. PAUSED: to look at
+# Ctrl-C after so many windows; the next call for the same interval goes on there, as if it had not.
+DONE, RUNAWAY, CHATTER, UNRESOLVED, OVERLOADED, SWITCHED, GATHERED, PAUSED = range(8)
 
 # How far from its bound a guard may be at an event, in the guard's unit: below `corners.SLACK_AT_REST`.
 MOST_MISS = 1e-12
@@ -93,22 +97,26 @@ def advance(
 ) -> tuple[int, float]:
     """Play `duration_s` seconds from the instant t_s on, State.held being constant; why it ended, when.
 
-    The second figure counts from t_s. The log and the pen start anew at every call. With `noise`,
-    `state` is the smooth run beside the true one, and what the pen writes.
+    The second figure counts from t_s. The log and the pen start anew at every call, but after a pause.
+    With `noise`, `state` is the smooth run beside the true one, and what the pen writes.
     """
     # `noise` is looked at again and again, so that the compiler leaves out what has none.
     clock, counts, shown, taus_s = state.clock, state.counts, state, circuit.taus_s
-    counts[ROWS], counts[EVENTS] = 0, 0
+    now, clock[INTO_S] = clock[INTO_S], 0.0
+    if now == 0.0:
+        counts[ROWS], counts[EVENTS] = 0, 0
+        state.recent[:, :] = 0.0
     jumped = _begin(circuit, state, t_s, log)
-    state.recent[:, :] = 0.0
     tolerance = min(max(1e-15, 1e-5 * rtol), 1e-12)
     if noise is not None:
         shown = noise.truth
         rtol, tolerance = finest(circuit, rtol, tolerance)
         if jumped:
             jump(circuit, state, noise, t_s, 0.0)
-    now = 0.0
     while now < duration_s and counts[CALLED] == 0:
+        if counts[WINDOWS] > counts[LAST_WINDOW] and now > 0.0:
+            clock[INTO_S] = now
+            return PAUSED, now
         if counts[ON_OVERLOAD] != CONTINUE:
             e = _beyond_now(state.watched, shown.start)
             if e >= 0:

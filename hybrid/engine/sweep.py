@@ -123,8 +123,9 @@ TURNS = 6
 # Indices into State.clock: time since the last jump, length of windows where no layer lasts, length of
 # the last window; largest error estimate of a window, and their sum for the ends of the windows; when
 # an overload stopped the run or held the machine; length that the last window suggests for the next;
-# what it left of the series, in relation to its length (0: unknown).
-AGE, CRUISE, LENGTH, WORST, SUM_OF_ERRORS, OVERLOAD_S, NEXT, LEFT = range(8)
+# what it left of the series, in relation to its length (0: unknown); how far into the interval it
+# paused (0: it did not).
+AGE, CRUISE, LENGTH, WORST, SUM_OF_ERRORS, OVERLOAD_S, NEXT, LEFT, INTO_S = range(9)
 # Rows of State.rungs: after a jump of a held input, and after an event. So many windows are learned.
 AFTER_INPUT, AFTER_EVENT = range(2)
 RUNGS = 8
@@ -132,9 +133,9 @@ RUNGS = 8
 # rejected, sweeps, events, record rows, windows to wait before the length may grow; what an overload
 # does, whether the machine is in HOLD because of one; what jumped last, AFTER_INPUT or AFTER_EVENT, and
 # the number of the window since; whether a comparator has switched that starts a task; the corner that
-# ended the run, or -1.
+# ended the run, or -1; the number of windows after which it pauses even within an interval.
 STARTED, KNOWN, WINDOWS, REJECTED, SWEEPS, EVENTS, ROWS, WAIT = range(8)
-ON_OVERLOAD, FROZEN, JUMPED, RUNG, CALLED, ENDED_BY = range(8, 14)
+ON_OVERLOAD, FROZEN, JUMPED, RUNG, CALLED, ENDED_BY, LAST_WINDOW = range(8, 15)
 # Columns of State.calls, of a comparator that starts tasks: which ways of switching do, and which
 # happened.
 WANTED, HAPPENED = range(2)
@@ -155,8 +156,8 @@ def new_state(circuit: Circuit, q: int = 8) -> State:
     memory[:, AS] = OP
     memory[:, [X, X_END, BEFORE, BEFORE_END]] = circuit.initial[:, :1]
     first_s = 2.0 * circuit.taus_s[0] if len(circuit.taus_s) else math.inf
-    rungs, counts, changes = np.zeros((2, RUNGS)), np.zeros(14, dtype=np.int64), np.zeros((m, 17))
-    rungs[:, 0], counts[ENDED_BY] = first_s, -1
+    rungs, counts, changes = np.zeros((2, RUNGS)), np.zeros(15, dtype=np.int64), np.zeros((m, 17))
+    rungs[:, 0], counts[ENDED_BY], counts[LAST_WINDOW] = first_s, -1, np.iinfo(np.int64).max
     changes[:, [LAST_S, TURNED_S, TURNED_S + TURNS]], changes[:, FROM_S] = -math.inf, math.nan
     return State(
         np.zeros(inputs),
@@ -175,7 +176,7 @@ def new_state(circuit: Circuit, q: int = 8) -> State:
         np.zeros((m, 2)),
         np.zeros((n, 6)),
         lined_up(len(circuit.noisy), p),
-        np.array([0.0, math.inf, 0.0, 0.0, 0.0, math.nan, first_s, 0.0]),
+        np.array([0.0, math.inf, 0.0, 0.0, 0.0, math.nan, first_s, 0.0, 0.0]),
         rungs,
         counts,
         np.zeros(n, dtype=np.int64),
