@@ -9,10 +9,12 @@ import matplotlib
 import numpy as np
 import pytest
 import xarray as xr
+from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 from matplotlib.image import imread
+from PIL import Image
 
-from hybrid.charts import coupling_chart, save, strip_chart
+from hybrid.charts import coupling_chart, save, strip_chart, style
 from hybrid.charts.plotter import xy_plot
 from hybrid.charts.readings import readings_chart, sweep_charts
 from hybrid.charts.strip import MAX_LANES, _table_rows, lane_limits
@@ -356,6 +358,31 @@ class TestDegenerateRecords:
         assert not figure.axes and "No signals in this record." in texts(figure)
 
 
+class TestWhatIsSaid:
+    def test_where_rows_are_further_apart_than_cycles_the_steps_are_those_of_the_rows(self):
+        """Rows 1 ms apart: at a cycle of 0.25 ms three words of four are not in the record."""
+        said = "digital signals as they stand at the rows, 1 ms apart; a cycle takes 250 µs"
+        assert any(said in text for text in texts(strip_chart(make_record(cycle_s=0.25e-3))))
+        tasks = json.dumps([{"task": "a", "period_s": 1e-2}, {"task": "b", "period_s": 0.25e-3}])
+        assert any(said in text for text in texts(strip_chart(make_record(tasks=tasks))))
+
+    @pytest.mark.parametrize("cycle_s", [1e-3, 5e-3, NAN])
+    def test_rows_that_show_every_cycle_need_no_remark(self, cycle_s):
+        said = "\n".join(texts(strip_chart(make_record(cycle_s=cycle_s))))
+        assert "as they stand at the rows" not in said
+
+    def test_without_digital_signals_there_is_none(self):
+        figure = strip_chart(make_record(cycle_s=1e-4), signals=["theta"])
+        assert "as they stand at the rows" not in "\n".join(texts(figure))
+
+    def test_what_follows_a_figure_is_explained_where_there_is_one(self):
+        measured = {"omega": 9.9, "omega_damped": 9.8, "zeta": 0.1, "reason": "", "note": ""}
+        plain = strip_chart(make_record(), {"mode": measured})
+        with_error = strip_chart(make_record(), {"mode": measured | {"zeta_error": 1e-3}})
+        assert not any(text.startswith("±") for text in texts(plain))
+        assert sum("one standard deviation" in text for text in texts(with_error)) == 1
+
+
 class TestSave:
     def test_png_shows_every_pen(self, tmp_path):
         path = save(strip_chart(make_record()), tmp_path / "chart.png")
@@ -372,6 +399,22 @@ class TestSave:
         first = save(strip_chart(make_record()), tmp_path / "a.png").read_bytes()
         assert save(strip_chart(make_record()), tmp_path / "b.png").read_bytes() == first
         assert b"Software" not in first
+
+    def test_the_file_holds_the_pixels_of_the_figure_and_its_size_in_inches(self, tmp_path):
+        figure = strip_chart(make_record())
+        dpi, inches = figure.dpi, figure.get_size_inches()
+        path = save(figure, tmp_path / "chart.png")
+        assert figure.dpi == dpi
+        with Image.open(path) as picture:
+            assert picture.mode == "RGB"
+            assert picture.size == tuple((inches * 110).astype(int))
+            assert picture.info["dpi"] == pytest.approx((110, 110), abs=0.0254)  # whole a metre
+            stored = np.asarray(picture)
+        figure.dpi = 110
+        with style.chart_style():
+            canvas = FigureCanvasAgg(figure)
+            canvas.draw()
+        np.testing.assert_array_equal(stored, np.asarray(canvas.buffer_rgba())[..., :3])
 
     def test_other_formats_are_refused(self, tmp_path):
         with pytest.raises(RunError, match=r"must end in \.png, not .*chart\.pdf"):

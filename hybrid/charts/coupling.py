@@ -201,7 +201,9 @@ def _heading(sweep: xr.Dataset, curves: Curves, panels: Sequence[Panel]) -> list
     count = f"{len(curves.x):,} value{'s' * (len(curves.x) != 1)} of {curves.swept}"
     shown = "coupling errors" if any(panel.ideal for panel in panels) else "modes"
     lines = [(f"{title}: {shown} against {curves.swept}", style.INK)]
-    lines.append(("  ·  ".join([*style.provenance(about), count]), style.MUTED))
+    barred = any(np.isfinite(panel.error).any() for panel in panels)
+    bars = ["bars: ± one standard deviation"] if barred else []
+    lines.append(("  ·  ".join([*style.provenance(about), count, *bars]), style.MUTED))
     if about.get("status") == "interrupted":
         lines.append(("Interrupted: only the values that were done are drawn.", style.ALARM))
     return lines

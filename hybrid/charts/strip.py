@@ -58,6 +58,10 @@ TABLE_COLUMNS = {
     "zeta": "damping ratio ζ",
 }
 MAX_TABLE_ROWS = 10
+# Below a table that has errors: what a reader has to know of them.
+ERROR_TEXT = (
+    "±  one standard deviation, as this record alone tells it, of noise in it and in the loop"
+)
 
 
 @dataclass(frozen=True)
@@ -103,11 +107,13 @@ def strip_chart(
     overloads = _overloads(record)
     lanes = [_lane(record, name, overloads.get(name, ())) for name in names[:MAX_LANES]]
     spans = _mode_spans(record, time_s)
-    head = _heading(record, len(names), LEGEND if spans else "")
+    head = _heading(record, lanes, len(names), LEGEND if spans else "")
     transients = {name: its for name, its in (readouts or {}).items() if "omega" in its}
     others = {name: its for name, its in (readouts or {}).items() if "omega" not in its}
     rows = _table_rows(transients, prediction or ())
     readings = _cut([row for name, its in others.items() for row in _readout_rows(name, its)])
+    if any(math.isfinite(error) for row in rows for _, error in row.cells.values()):
+        rows = [*rows, TableRow(ERROR_TEXT, color=style.MUTED)]
     foot = _footnotes(lanes, overloads, float(np.abs(time_s).max(initial=0.0)))
     with style.chart_style():
         broken_off = record.attrs.get("status") in BROKEN_OFF
@@ -175,7 +181,9 @@ def _lane(record: Recorded, name: str, overloads: Sequence[tuple[float, int]]) -
     return Lane(name, kind, units, full_scale, values, *limits, tuple(overloads), held)
 
 
-def _heading(record: Recorded, signal_count: int, legend: str = "") -> list[tuple[str, str]]:
+def _heading(
+    record: Recorded, lanes: Sequence[Lane], signal_count: int, legend: str = ""
+) -> list[tuple[str, str]]:
     """Return the lines above the lanes, each with its colour; the first is the title."""
     about = record.attrs
     time_s = record["time"].values
@@ -188,6 +196,7 @@ def _heading(record: Recorded, signal_count: int, legend: str = "") -> list[tupl
         f"{int(about['operations']):,} operations" if about.get("operations") else "",
         f"{style.duration(span)} recorded",
         str(about.get("rows_note", "")),
+        _between_rows(record, lanes),
         legend,
     ]
     lines = [(str(about.get("title") or about.get("patch") or "Record"), style.INK)]
@@ -207,6 +216,18 @@ def _heading(record: Recorded, signal_count: int, legend: str = "") -> list[tupl
     if signal_count > MAX_LANES:
         lines.append((f"The first {MAX_LANES} of {signal_count} signals are drawn.", style.INK))
     return lines
+
+
+def _between_rows(record: Recorded, lanes: Sequence[Lane]) -> str:
+    """Say where the digital machine is faster than the record, whose steps then are not its own."""
+    time_s, about = record["time"].values, record.attrs
+    periods_s = [row.get("period_s") for row in json.loads(about.get("tasks") or "[]")]
+    period_s = min(filter(None, periods_s), default=float(about.get("cycle_s", math.nan)))
+    digital = any(lane.held and lane.kind != "analog" for lane in lanes)
+    if not digital or len(time_s) < 2 or not period_s < (time_s[1] - time_s[0]) * (1 - 1e-9):
+        return ""
+    apart, fastest = style.duration(time_s[1] - time_s[0]), style.duration(period_s)
+    return f"digital signals as they stand at the rows, {apart} apart; a cycle takes {fastest}"
 
 
 def _clocks(about: Mapping[str, Any]) -> str:

@@ -21,10 +21,12 @@ from typing import TYPE_CHECKING, Any
 import matplotlib
 import numpy as np
 from matplotlib.axes import Axes
+from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.collections import LineCollection
 from matplotlib.figure import Figure
 from matplotlib.ticker import FuncFormatter, LogLocator, MaxNLocator, NullFormatter
 
+from hybrid.charts.png import png
 from hybrid.errors import RunError
 from hybrid.naming import on_text
 
@@ -75,8 +77,9 @@ _RC = {
     "path.simplify": True,
     "legend.frameon": False,
     "legend.fontsize": 9.0,
+    # To fit letters to pixels takes two fifths of the time of all text; without, they read as well.
+    "text.hinting": "no_hinting",
     "figure.facecolor": "white",
-    "savefig.facecolor": "white",
 }
 
 
@@ -352,16 +355,22 @@ def save(figure: Figure, path: str | PathLike[str]) -> Path:
     target = Path(path)
     if target.suffix.lower() != ".png":
         raise RunError(f"charts are written as PNG: the path must end in .png, not {str(path)!r}")
-    # Without "Software" the file does not name the Matplotlib release that wrote it.
-    with warnings.catch_warnings():
-        # A title in a script that the font lacks shows boxes; that is no reason to complain.
-        warnings.filterwarnings("ignore", message="Glyph .* missing", category=UserWarning)
-        # Packing harder takes three times as long and saves a quarter of a small file.
-        figure.savefig(
-            target,
-            format="png",
-            dpi=DPI,
-            metadata={"Software": None},
-            pil_kwargs={"compress_level": 1},
-        )
+    target.write_bytes(png(_pixels(figure), DPI))
     return target
+
+
+def _pixels(figure: Figure) -> NDArray[np.uint8]:
+    """A figure's red, green and blue, (rows, columns, 3); the figure stays as it was."""
+    canvas, dpi = figure.canvas, figure.dpi
+    try:
+        figure.dpi = DPI
+        paper = FigureCanvasAgg(figure)
+        with chart_style(), warnings.catch_warnings():
+            # A title in a script that the font lacks shows boxes; that is no reason to complain.
+            warnings.filterwarnings("ignore", message="Glyph .* missing", category=UserWarning)
+            paper.draw()  # type: ignore[no-untyped-call]
+    finally:
+        figure.dpi = dpi
+        figure.set_canvas(canvas)
+    colors: NDArray[np.uint8] = np.asarray(paper.buffer_rgba())  # type: ignore[no-untyped-call]
+    return colors[..., :3]
