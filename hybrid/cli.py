@@ -17,12 +17,13 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from hybrid import interrupts
+from hybrid.compilation import say_if_compiling
 from hybrid.errors import HybridError, RunError
-from hybrid.loading import load_numba_without_blas
-from hybrid.naming import on_text, stem_of
+from hybrid.naming import on_text
 from hybrid.options import (
     batch_file,
     combined,
+    file_stem,
     output_name,
     parser,
     patch_and_parameters,
@@ -39,7 +40,6 @@ from hybrid.terminal import (
     prepare_output,
     print_json,
     say,
-    say_if_compiling,
 )
 
 if TYPE_CHECKING:
@@ -110,7 +110,6 @@ def _run(options: argparse.Namespace, filing: Filing) -> int:
     from hybrid.record import machine_facts, span_facts
     from hybrid.runs import check_run, run
 
-    load_numba_without_blas()
     ordered = (patch, parameters, options.machine, options.serial)
     circuit = wants_circuit(check_engine(options.engine))
     machine = machine_of(*ordered, circuit)
@@ -120,7 +119,7 @@ def _run(options: argparse.Namespace, filing: Filing) -> int:
         check_pairs(pairs, span_facts(machine)["until_s"])
     if options.scope:
         check_operates(machine)
-    stem = Path(output_name(options.out)) / stem_of(patch)
+    stem = Path(output_name(options.out)) / file_stem(options, patch)
     writable(*(stem.with_name(stem.name + suffix) for suffix in (".nc", ".png")))
     prediction = _prediction(machine_of(*ordered) if circuit else machine)
     say_if_compiling(machine, engine)
@@ -385,7 +384,8 @@ def draw_command(options: argparse.Namespace) -> int:
     patch, parameters = patch_and_parameters(options)
     from hybrid.charts.diagram import save_diagram
 
-    file = save_diagram(patch, parameters, options.out)
+    out = f"{file_stem(options, patch)}.svg" if options.out is None else options.out
+    file = save_diagram(patch, parameters, out)
     if options.json:
         print_json(patch=patch.file, title=patch.title, files=[file])
     else:

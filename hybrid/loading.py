@@ -18,21 +18,6 @@ def seldom_collect() -> None:
     gc.set_threshold(200_000, 20, 20)
 
 
-def load_numba_without_blas() -> None:
-    """Load numba as if SciPy's BLAS were not there, which takes as long to load as numba itself.
-
-    numba looks for it once, to offer matrix products in compiled functions; the kernels use none.
-    """
-    blas = "scipy.linalg"
-    if blas in sys.modules:
-        return
-    sys.modules[blas] = None  # type: ignore[assignment]  # what makes Python say: not there
-    try:
-        import numba.np.arraymath  # noqa: F401
-    finally:
-        del sys.modules[blas]
-
-
 def load_matplotlib_without_3d() -> None:
     """Load matplotlib as if its drawing in three dimensions were not there, which no chart uses.
 

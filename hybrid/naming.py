@@ -5,7 +5,8 @@ Stage 1.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+import re
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -15,24 +16,34 @@ if TYPE_CHECKING:
 WHOLE = "all"  # what `Patch.on` calls the whole patch
 MOST_NAMES = 3
 LONGEST = 80  # letters; beyond, the name of a file ends in a hash instead
+# A slash between units becomes a hyphen; for all else that some file system refuses a hash is added.
+_PER = re.compile(r"(?<=[A-Za-z])/(?=[A-Za-z])")
+_REFUSED = re.compile(r"[^A-Za-z0-9._+^%(),=-]")
 
 
-def stem_of(patch: Patch) -> str:
-    """The name of a patch's files without ending: its own, and what `--on` put where.
+def stem_of(patch: Patch, changed: Sequence[str] = ()) -> str:
+    """The name of a patch's files without ending: its own, what `--on` put where, and what was changed.
 
-    So a run with something on the other machine overwrites no file of the run without.
+    changed: what else differs from the patch as it stands, such as 'cycle=5 ms' and 'seed7'. So no run
+    overwrites the files of another one.
     """
     stem = Path(patch.file).stem or "patch"
-    if not patch.on:
-        return stem
-    told = "_".join(
-        f"{'' if name == WHOLE else name + '_'}{on}" for name, on in sorted(patch.on.items())
-    )
-    if len(told) > LONGEST:
-        import hashlib
+    if patch.on:
+        moved = sorted(patch.on.items())
+        told = "_".join(f"{'' if name == WHOLE else name + '_'}{on}" for name, on in moved)
+        stem += f"_on_{_in_name(told)}"
+    return f"{stem}_{_in_name('_'.join(changed))}" if changed else stem
 
-        told = f"{told[: LONGEST - 9]}_{hashlib.sha256(told.encode()).hexdigest()[:8]}"
-    return f"{stem}_on_{told}"
+
+def _in_name(text: str) -> str:
+    """A text as any file system takes it, at most LONGEST letters; other texts give other names."""
+    plain = _PER.sub("-", text.replace(" ", ""))
+    told = _REFUSED.sub("-", plain)
+    if told == plain and len(told) <= LONGEST:
+        return told
+    import hashlib
+
+    return f"{told[: LONGEST - 9]}_{hashlib.sha256(text.encode()).hexdigest()[:8]}"
 
 
 def on_text(on: Mapping[str, str]) -> str:

@@ -320,7 +320,19 @@ def serial_range(text: str) -> list[int]:
 
 def batch_file(options: argparse.Namespace, patch: Patch) -> Path:
     """Where the data of a batch go."""
-    return _data_file(options, f"out/{stem_of(patch)}_batch.nc")
+    return _data_file(options, f"out/{file_stem(options, patch)}_batch.nc")
+
+
+def file_stem(options: argparse.Namespace, patch: Patch) -> str:
+    """The name of the files without ending, which tells what the options have changed of the patch."""
+    asked = vars(options)
+    changed = sorted(entry.replace(" ", "") for entry in options.set)
+    changed += [asked["machine"]] if asked.get("machine") else []
+    changed += [f"serial{asked['serial']}"] if asked.get("serial") is not None else []
+    changed += [f"seed{asked['seed']}"] if asked.get("seed") else []
+    changed += [asked["engine"]] if asked.get("engine", "auto") != "auto" else []
+    changed += [f"until={asked['until']}"] if asked.get("until") else []
+    return stem_of(patch, changed)
 
 
 def output_name(out: str) -> str:
@@ -332,7 +344,7 @@ def output_name(out: str) -> str:
 
 def sweep_file(options: argparse.Namespace, patch: Patch, name: str) -> Path:
     """Where the data of a sweep go."""
-    return _data_file(options, f"out/{stem_of(patch)}_over_{name}.nc")
+    return _data_file(options, f"out/{file_stem(options, patch)}_over_{name}.nc")
 
 
 def _data_file(options: argparse.Namespace, default: str) -> Path:

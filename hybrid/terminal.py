@@ -16,8 +16,6 @@ from hybrid.errors import one_line
 if TYPE_CHECKING:
     from rich.console import Console
 
-    from hybrid.machine import Machine
-
 # A bar for less than this would only flicker.
 SHOW_PROGRESS_AFTER_S = 0.7
 # Lines that go to a file or another program are broken later than those on a terminal.
@@ -42,30 +40,6 @@ def say(message: str) -> None:
     """One line on standard error, whatever it holds and whether or not anybody reads it."""
     with suppress(OSError):
         print(f"hybrid: {one_line(message)}", file=sys.stderr)
-
-
-def say_if_compiling(machine: Machine, engine: str) -> None:
-    """The first run after installation takes a while; say why."""
-    from hybrid.engine import kernel
-
-    limited = len(machine.tape.length_of) > 0
-    if not kernel.is_compiled(kernel.play) or (limited and engine == "exact" and _rounds_anew()):
-        say("compiling the kernel, once after installation ...")
-    if engine == "nonlinear":
-        from hybrid.engine.interplay import play_circuit, play_limited_circuit
-
-        noisy = any(element.noise > 0.0 for _, element in machine.elements)
-        play = play_limited_circuit if limited else play_circuit
-        if not kernel.is_compiled(play, "Noise(" if noisy else "none"):
-            say("compiling the nonlinear engine, once after installation: a minute or two ...")
-
-
-def _rounds_anew() -> bool:
-    """Whether programs of limited word length are still to be compiled."""
-    from hybrid.engine import kernel
-    from hybrid.engine.limited import play_limited
-
-    return not kernel.is_compiled(play_limited)
 
 
 def console() -> Console:

@@ -162,7 +162,8 @@ def test_the_answer_of_run(capsys: pytest.CaptureFixture[str]) -> None:
     assert found["prediction"][0]["closed_form"].keys() == CLOSED
     assert found["prediction_note"] == ""
     assert [row.keys() for row in found["tasks"]] == [ROWS["tasks"]]
-    assert found["files"] == ["out/loop.nc", "out/loop.png"]
+    stem = "out/loop_tall=0.9rad_serial3_seed5"  # no file of another run is overwritten
+    assert found["files"] == [f"{stem}.nc", f"{stem}.png"]
     assert all(Path(file).stat().st_size for file in found["files"])
 
 
@@ -387,7 +388,8 @@ def test_a_run_is_replayed_bit_for_bit_from_its_file(
     given = [part for name, text in texts.items() for part in ("--set", f"{name}={text}")]
     more = ["--seed", "11", "--serial", "4", "--until", "1.2345678901234 s", "--no-chart"]
     printed = answer(capsys, "run", "loop.yaml", *given, *more)
-    with xr.open_dataset("out/loop.nc") as file:
+    (name,) = printed["files"]
+    with xr.open_dataset(name) as file:
         stored = file.load()
     about = stored.attrs
     parameters = json.loads(about["parameters_si"])
@@ -404,7 +406,8 @@ def test_a_run_is_replayed_bit_for_bit_from_its_file(
     again += [part for name, si in parameters.items() for part in ("--set", f"{name}={si!r}")]
     replayed = answer(capsys, "run", about["patch"], *again)
     assert replayed["readouts"] == printed["readouts"]
-    with xr.open_dataset("again/loop.nc") as file:
+    (name,) = replayed["files"]
+    with xr.open_dataset(name) as file:
         assert file.equals(stored)
         assert file.attrs == about
     # What a reader is shown is rounded, and would have been another run.
@@ -587,15 +590,16 @@ def test_an_interrupted_run_keeps_its_record() -> None:
     arguments = ["run", "loop.yaml", "--until", "1e5 s", "--no-chart", "--json"]
     code, out, err = interrupted(arguments, (TELLING_OF_RESULTS, "2"))
     assert (code, "Traceback" in err) == (130, False), (out, err)
+    kept = "out/loop_until=1e5s.nc"
     found = json.loads(out)
     assert found["status"] == "interrupted"
     assert 0 < found["cycles"] < 10**8
-    with xr.open_dataset("out/loop.nc") as record:
+    with xr.open_dataset(kept) as record:
         assert record.attrs["status"] == "interrupted"
         assert record.attrs["status_note"].startswith("interrupted at ")
         assert record["angle"].sizes["time"] > 1
         assert float(record["time"][-1]) <= found["cycles"] * 0.001 + 1e-9
-    assert sorted(path.name for path in Path("out").iterdir()) == ["loop.nc"]
+    assert [path.name for path in Path("out").iterdir()] == [Path(kept).name]
 
 
 @pytest.mark.parametrize("jobs", ["1", "2"])

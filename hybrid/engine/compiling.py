@@ -6,13 +6,46 @@ from collections.abc import Callable
 from typing import Any, TypeVar
 
 import numba
+from numba.core.caching import FunctionCache
+from numba.core.runtime.nrt import rtsys
 
 _Function = TypeVar("_Function", bound=Callable[..., Any])
 
 
-_njit: Any = numba.njit  # its types do not know `_nrt`
-_COMMON: dict[str, Any] = {"cache": True, "nogil": True, "error_model": "numpy"}
+class _Kept(FunctionCache):
+    """numba's cache on disk, without what only compiling needs.
+
+    Before it looks, numba's own sets up all that it knows of types and functions, which takes longer
+    than everything else that is loaded for a short run. The compiler does so itself, where it has to.
+    """
+
+    needs_runtime = False
+
+    def load_overload(self, signature: Any, context: Any) -> Any:
+        """The compiled function for these types; None where there is none on disk."""
+        if self.needs_runtime:
+            rtsys.initialize(context)
+        with self._guard_against_spurious_io_errors():
+            return self._load_overload(signature, context)  # type: ignore[no-untyped-call]
+
+
+class _KeptAllocating(_Kept):
+    """The same for what calls numba's runtime, which makes arrays and counts references to them."""
+
+    needs_runtime = True
+
+
+_COMMON: dict[str, Any] = {"nogil": True, "error_model": "numpy"}
 _FUSED: dict[str, Any] = {**_COMMON, "fastmath": {"contract"}}
+
+
+def _njit(function: Any, cache: type[_Kept] = _Kept, **settings: Any) -> Any:
+    """numba's njit for a function that is kept on disk."""
+    njit: Any = numba.njit  # its types do not know `_nrt`
+    made = njit(**settings, _nrt=cache.needs_runtime)(function)
+    if hasattr(made, "enable_caching"):  # numba may be told not to compile
+        made._cache = cache(function)
+    return made
 
 
 def compiled(function: Any) -> Any:
@@ -21,12 +54,12 @@ def compiled(function: Any) -> Any:
     Such a function allocates nothing and counts no references to arrays: its caller holds them. Counting
     took half the time of circuits, whose functions pass some forty arrays to each other.
     """
-    return _njit(**_FUSED, _nrt=False)(function)
+    return _njit(function, **_FUSED)
 
 
 def allocating(function: Any) -> Any:
     """The same for what makes arrays, or takes more than arrays from Python: these need the counts."""
-    return _njit(**_FUSED, _nrt=True)(function)
+    return _njit(function, _KeptAllocating, **_FUSED)
 
 
 def inlined(function: Any) -> Any:
@@ -35,7 +68,7 @@ def inlined(function: Any) -> Any:
     A call copies every array that it hands over, tuples of arrays whole: more than a few operations
     cost, and more than all that a window of a small circuit takes. There is a copy for every caller.
     """
-    return _njit(**_FUSED, _nrt=False, inline="always")(function)
+    return _njit(function, **_FUSED, inline="always")
 
 
 def strictly(function: Any) -> Any:
@@ -43,7 +76,7 @@ def strictly(function: Any) -> Any:
 
     To leave `fastmath` out is not enough: numba then takes that of the function which calls this one.
     """
-    return _njit(**_COMMON, _nrt=False, fastmath=False)(function)
+    return _njit(function, **_COMMON, fastmath=False)
 
 
 def strictly_alike(function: _Function) -> _Function:

@@ -1,0 +1,97 @@
+"""What is said before the engines are compiled, which happens once and takes long. Stage 8.
+
+Every function is kept on disk as soon as it is compiled, so a run after an interrupted one goes on from
+there.
+"""
+
+from __future__ import annotations
+
+import sys
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from hybrid.terminal import say
+
+if TYPE_CHECKING:
+    from hybrid.machine import Machine
+
+# Modules of the engine whose functions every circuit needs.
+CIRCUIT_MODULES = frozenset(
+    [
+        "corners",
+        "handover",
+        "interplay",
+        "lengths",
+        "nodes",
+        "overloads",
+        "relaxation",
+        "sweep",
+        "switching",
+    ]
+)
+# Which of them only some circuits need.
+NOT_FOR_ALL = frozenset({"play_limited_circuit"})
+TAKES = "a few minutes, more where the machine is busy"
+
+
+def say_if_compiling(machine: Machine, engine: str) -> None:
+    """The first run after installation takes a while; say why."""
+    from hybrid.engine import kernel
+
+    limited = len(machine.tape.length_of) > 0
+    if not kernel.is_compiled(kernel.play) or (limited and engine == "exact" and _rounds_anew()):
+        say("compiling the kernel, once after installation ...")
+    if engine == "nonlinear":
+        _say_of_circuits(machine, limited)
+
+
+def _rounds_anew() -> bool:
+    """Whether programs of limited word length are still to be compiled."""
+    from hybrid.engine import kernel
+    from hybrid.engine.limited import play_limited
+
+    return not kernel.is_compiled(play_limited)
+
+
+def _say_of_circuits(machine: Machine, limited: bool) -> None:
+    from hybrid.engine import kernel
+    from hybrid.engine.interplay import play_circuit, play_limited_circuit
+
+    noisy = any(element.noise > 0.0 for _, element in machine.elements)
+    play = play_limited_circuit if limited else play_circuit
+    if kernel.is_compiled(play, "Noise(" if noisy else "none"):
+        return
+    kept, of_all = functions_kept()
+    what = "the nonlinear engine"
+    if 0 < kept < of_all:
+        say(f"compiling the rest of {what}, {kept} of its {of_all} functions are kept: {TAKES} ...")
+        return
+    if kept:  # the engine is there, but not for this kind of run
+        kinds = ("noise",) * noisy + ("limited word lengths",) * limited
+        what += f" for {' and '.join(kinds)}" if kinds else ""
+    say(f"compiling {what}, once after installation: {TAKES} ...")
+
+
+def functions_kept() -> tuple[int, int]:
+    """How many of the functions that every circuit needs are compiled and kept; how many it needs."""
+    from hybrid.engine import interplay, kernel
+
+    needed = {
+        f"{name}.{made.py_func.__name__}"
+        for name in CIRCUIT_MODULES
+        for made in vars(sys.modules[f"{interplay.__package__}.{name}"]).values()
+        if _is_kept_alone(made, f"{interplay.__package__}.{name}")
+    }
+    # An index is called MODULE.FUNCTION-LINE.pyVERSION.nbi.
+    kept = {
+        path.name.rpartition("-")[0] for path in Path(kernel.play._cache.cache_path).glob("*.nbi")
+    }
+    return len(kept & needed), len(needed)
+
+
+def _is_kept_alone(made: object, module: str) -> bool:
+    """Whether this is a compiled function of the module that is not part of its callers."""
+    own = getattr(made, "py_func", None)
+    if own is None or own.__module__ != module or own.__name__ in NOT_FOR_ALL:
+        return False
+    return getattr(made, "targetoptions", {}).get("inline") != "always"
