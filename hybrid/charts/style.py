@@ -25,8 +25,8 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.collections import LineCollection
 from matplotlib.figure import Figure
 from matplotlib.ticker import FuncFormatter, LogLocator, MaxNLocator, NullFormatter
+from PIL import Image
 
-from hybrid.charts.png import png
 from hybrid.errors import RunError
 from hybrid.naming import on_text
 
@@ -355,7 +355,8 @@ def save(figure: Figure, path: str | PathLike[str]) -> Path:
     target = Path(path)
     if target.suffix.lower() != ".png":
         raise RunError(f"charts are written as PNG: the path must end in .png, not {str(path)!r}")
-    target.write_bytes(png(_pixels(figure), DPI))
+    # Packing harder takes three times as long and saves a quarter of a small file.
+    Image.fromarray(_pixels(figure)).save(target, compress_level=1, dpi=(DPI, DPI))
     return target
 
 
