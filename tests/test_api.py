@@ -78,7 +78,7 @@ def test_the_seed_may_be_numpys(loop) -> None:
 REFUSED = {
     "text of no quantity": ({"cycle": "soon"}, {}, "names are not known"),
     "no unit of time": ({"cycle": "1 V"}, {}, "a time, such as 1 ms"),
-    "empty": ({"cycle": ""}, {}, "expression is missing"),
+    "empty": ({"cycle": ""}, {}, "nothing is given"),
     "none": ({"cycle": None}, {}, "finite number"),
     "bool": ({"cycle": True}, {}, "finite number"),
     "list": ({"cycle": [1e-3]}, {}, "finite number"),
