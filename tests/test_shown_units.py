@@ -109,7 +109,7 @@ readouts: {pitch: {final: theta}, push: {final: moment}}
     "on", [None, "digital", "analog", {"asked": "analog"}, {"theta": "digital"}]
 )
 def test_units_are_those_of_the_patch_on_either_machine(on, lead):
-    """theta is in deg, asked in its DAC's deg/s^2, half in deg; x'' = -4 x, and theta 0.1 rad at first."""
+    """theta is in deg, asked in its DAC's deg/s^2, half in deg; x'' = -4 x."""
     text = CROSSED.replace(", LEAD", f", {lead}" if lead else "")
     run = hybrid.run(hybrid.parse_patch(text, on=on))
     units = {name: variable.attrs["units"] for name, variable in run.record.data_vars.items()}
