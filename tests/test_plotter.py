@@ -183,7 +183,7 @@ class TestOption:
             ("x:yy", "did you mean 'y'"),
             ("x:y:3 m", "must be a time"),
             ("x:y:-1s", r"--xy 'x:y:-1s': TIME is -1 s; it must be 0 or greater"),
-            ("x:y:1s:2", r"--xy 'x:y:1s:2': TIME is '1s:2': cannot read the unit"),
+            ("x:y:1s:2", r"--xy 'x:y:1s:2': TIME cannot be '1s:2': cannot read the unit"),
         ],
     )
     def test_mistakes(self, text, said):
