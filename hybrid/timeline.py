@@ -166,12 +166,12 @@ def _few_rows_alone(machine: Machine, edges: Edges) -> tuple[Machine, Edges]:
     laid_out = _clock_events(machine, timing.until if is_flat else (warm_up + 1) * stretch)
     if not timing.period or laid_out <= MOST_FLAT_EVENTS:
         return machine, edges
-    rows = tuple(range(0, timing.until + 1, timing.every))
+    rows = range(0, timing.until + 1, timing.every)  # there may be too many to list
     alone = replace(machine, timing=replace(timing, every=0))
     stretch = stretch_of(alone)
     if len(rows) * (_clock_events(alone, stretch) + 2) > MOST_FLAT_EVENTS:
         return machine, edges
-    return alone, replace(edges, rows=rows)
+    return alone, replace(edges, rows=tuple(rows))
 
 
 def stretch_of(machine: Machine) -> int:
