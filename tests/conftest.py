@@ -38,11 +38,13 @@ COMPILING = pytest.StashKey[list[subprocess.Popen[bytes]]]()
 # From a minute down to some ten seconds.
 LONGEST = (
     "test_benches.py",
-    "test_noise_in_windows.py",
     "test_cli.py",
+    "test_noise_in_windows.py",
+    "test_crew.py",
+    "test_engines.py",
+    "test_reentry.py",
     "test_shipped_patches.py",
     "test_relaxation.py",
-    "test_sources.py",
     "test_bad_input.py",
 )
 
