@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 import hybrid
-from hybrid.charts import layered
 from hybrid.charts.diagram import draw
+from hybrid.charts.layered import order
 from hybrid.circuits import build_circuit
 from hybrid.compiler import compile_patch
 from hybrid.influence import changes_of_rates
@@ -101,10 +101,8 @@ def test_a_picture_is_finished_when_no_effort_is_left(monkeypatch):
     """The order that the first sweeps have found is drawn as well."""
     patch = hybrid.parse_patch(LINEAR)
     most, spent = draw(patch), []
-    monkeypatch.setattr(layered, "EFFORT", 0)
-    original = layered._pair_costs
-    monkeypatch.setattr(
-        layered, "_pair_costs", lambda space: spent.append(space) or original(space)
-    )
+    monkeypatch.setattr(order, "EFFORT", 0)
+    original = order.pair_costs
+    monkeypatch.setattr(order, "pair_costs", lambda space: spent.append(space) or original(space))
     least = draw(patch)
     assert least.count("<path") == most.count("<path") > 0
