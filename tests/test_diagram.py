@@ -9,9 +9,11 @@ from pathlib import Path
 import pytest
 from large_patch import large_patch
 
-from hybrid.charts.diagram import Sheet, draw
+from hybrid.charts.diagram import draw
+from hybrid.charts.drawing import svg
 from hybrid.charts.layered import Box, Cord, lay_out
 from hybrid.charts.programs import MOST_WORDS, PROGRAM, box_name
+from hybrid.charts.sheet import Sheet
 from hybrid.charts.symbols import SYMBOLS, Field, text_width
 from hybrid.cli import main
 from hybrid.components import CATALOG
@@ -105,7 +107,7 @@ def drawn(request):
     patch = parse_patch(TEXTS[request.param])
     sheet = Sheet(patch, patch.bind())
     plan = lay_out(sheet.boxes, sheet.cords)
-    return sheet, plan, ET.fromstring(sheet.svg(plan))
+    return sheet, plan, ET.fromstring(svg(sheet, plan))
 
 
 def _meet(one, other, slack=0.0):
