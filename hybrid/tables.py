@@ -22,6 +22,8 @@ Floats: TypeAlias = npt.NDArray[np.float64]
 
 # A range that goes so far has no end.
 ENDLESS = 1e300
+# Breakpoints that are nearer have no slope between them that is a number.
+NEAREST = 1e-300
 MOST_VARIABLES = 4
 MOST_VALUES = 1_000_000
 METHODS = ("linear", "cubic", "simplices")
@@ -66,7 +68,10 @@ class Table:
 
 
 def check_points(name: str, points: Sequence[float]) -> None:
-    """Refuse breakpoints that are not strictly increasing, naming the two at fault."""
+    """Refuse breakpoints that do not increase, naming the two at fault.
+
+    So are those too near to each other, or too far out, for what is between them to be a number.
+    """
     if len(points) < 2:
         raise TableError(
             f"{name} has {counted(len(points), 'breakpoint')}; a table needs 2 or more"
@@ -76,6 +81,15 @@ def check_points(name: str, points: Sequence[float]) -> None:
             raise TableError(
                 f"breakpoints of {name} must increase, but {after:g} comes after {before:g}"
             )
+        if after - before < NEAREST:
+            raise TableError(
+                f"breakpoints {before:g} and {after:g} of {name} are too near; leave one out"
+            )
+    if abs(points[0]) + abs(points[-1]) > ENDLESS:
+        raise TableError(
+            f"breakpoints {points[0]:g} and {points[-1]:g} of {name} are too far out; "
+            f"up to {ENDLESS:g} is possible"
+        )
 
 
 def check_size(counts: Sequence[int]) -> None:

@@ -137,6 +137,19 @@ def test_it_goes_over_the_edge_without_a_jump_and_the_order_of_points_is_nothing
         assert ask(*(hull + far * outwards)) == pytest.approx(ask(*points[0]), abs=1e-3)
 
 
+@pytest.mark.parametrize("variables", [2, 3, 4])
+def test_far_beyond_the_points(variables):
+    """Of equal values nothing else is made; a place whose square is no number has no answer."""
+    points = np.random.default_rng(variables).uniform(size=(20, variables))
+    for action in (CLAMPS, CONTINUES):
+        ask, _ = asker(table_of(points, np.full(20, 7.0), action))
+        for far in (1e6, -1e12, 1e17, -1e149):
+            assert ask(*[far] * variables) == pytest.approx(7.0, rel=8 * EPS)
+        for far in (1e160, -np.inf, np.inf, np.nan):
+            assert np.isnan(ask(*[0.5] * (variables - 1), far))
+            assert np.isnan(ask(far, *[0.5] * (variables - 1)))
+
+
 def test_one_variable_is_a_line_through_the_points_in_order():
     table = table_of(np.array([[2.0], [0.0], [1.0]]), np.array([4.0, 0.0, 1.0]))
     assert table.mesh is None and table.method == "linear"

@@ -114,6 +114,41 @@ def test_beyond_the_ends():
         assert asker(table)(*point) == pytest.approx(expected(point).item(), rel=1e-12, abs=1e-12)
 
 
+@pytest.mark.parametrize("method", GRIDDED)
+@pytest.mark.parametrize("variables", [1, 2, 3, 4])
+def test_far_beyond_the_ends_it_goes_straight_on(method, variables):
+    """Of equal values nothing else is ever made, and a straight function is met to rounding."""
+    grid = np.array([0.0, 1.0, 3.0])
+    axes = tuple(Axis(f"x{i}", grid, (0.0, 3.0), CONTINUES, CONTINUES) for i in range(variables))
+    slopes = np.array([2.0, -3.0, 5.0, 7.0])[:variables]
+    places = np.stack(np.meshgrid(*[grid] * variables, indexing="ij"), axis=-1)
+    flat = asker(Table("t", axes, np.full([3] * variables, 7.0), method))
+    sloping = asker(Table("t", axes, places @ slopes + 1.0, method))
+    for far in (1e6, -1e6, 1e12, 1e17, -1e300):
+        assert flat(*[far] * variables) == 7.0
+        for i in range(variables):
+            one = np.where(np.arange(variables) == i, far, 0.5)
+            parts = one * slopes
+            expected = parts.sum() + 1.0
+            assert sloping(*one) == pytest.approx(expected, rel=1e-14)
+
+
+@pytest.mark.parametrize("method", GRIDDED)
+@pytest.mark.parametrize("variables", [2, 3, 4])
+def test_the_corners_and_one_number_that_is_none(method, variables):
+    """Exactly at the edges, of two breakpoints each, and NaN in any one place."""
+    grid = np.array([-1.0, 2.0])
+    axes = tuple(Axis(f"x{i}", grid, (-1.0, 2.0)) for i in range(variables))
+    values = np.random.default_rng(variables).normal(size=[2] * variables)
+    ask = asker(Table("t", axes, values, method))
+    for corner in np.ndindex(*values.shape):
+        assert ask(*grid[list(corner)]) == values[corner]
+        for i in range(variables):
+            place = grid[list(corner)]
+            place[i] = np.nan
+            assert np.isnan(ask(*place))
+
+
 # --- in a patch -----------------------------------------------------------------------------------
 
 PATCH = """\
@@ -357,6 +392,9 @@ def test_files_that_cannot_be_read(beside, tmp_path):
         (", values: {0: 0.1, 0.8: 0.1, 1.2: 0.3}", "", 4, "neither values nor file"),
         ("outside: clamp", "outsid: clamp", 4, "unknown key 'outsid'"),
         ("drag(mach)", "drag(mach, h)", 19, "the table drag takes 1 argument, mach, not 2"),
+        ("0.8: 0.1", "1e-310: 0.1", 4, "breakpoints 0 and 1e-310 of mach are too near"),
+        ("1.2: 0.3", "1.5e308: 0.3", 4, "breakpoints 0 and 1.5e+308 of mach are too far out"),
+        ("0: 0.1, 0.8", "-9e307: 0.1, 0.8", 4, "-9e+307 and 1.2 of mach are too far out"),
         ("drag(mach)", "drag(h)", 19, "the mach, 'h' [m], must be a pure number"),
         ("drag(mach)", "drag", 19, "'drag' is a table; write drag(mach)"),
         ("drag(mach)", "drug(mach)", 19, "unknown function 'drug'; did you mean 'drag'"),

@@ -107,10 +107,22 @@ def _find(figures: Floats, points: int, count: int, x: float, start: int) -> int
 
 
 @strictly_alike
+def _mix(near: float, far: float, t: float) -> float:
+    """Straight from near, t = 0, to far, t = 1, both met exactly, and on beyond them.
+
+    Beyond, from the nearer end on: where both are equal no distance makes anything else of them.
+    """
+    if t < 0.0:
+        return near + t * (far - near)
+    if t > 1.0:
+        return far + (t - 1.0) * (far - near)
+    return (1.0 - t) * near + t * far
+
+
+@strictly_alike
 def _straight(v: Floats, at: int, stride: int, t: float) -> float:
-    """Between two neighbouring values; both ends are met exactly."""
-    between: float = (1.0 - t) * v[at] + t * v[at + stride]
-    return between
+    """Between two neighbouring values."""
+    return _mix(float(v[at]), float(v[at + stride]), t)
 
 
 @strictly_alike
@@ -344,8 +356,7 @@ def line(f: Floats, at: int, k: int, t: float) -> float:
 @strictly_alike
 def plane(f: Floats, at: int, stride: int, t: float, last: float) -> float:
     """Between four values, the first of which is at `at`; `last`: along the last variable."""
-    near: float = (1.0 - t) * _straight(f, at, 1, last) + t * _straight(f, at + stride, 1, last)
-    return near
+    return _mix(_straight(f, at, 1, last), _straight(f, at + stride, 1, last), t)
 
 
 @strictly_alike
@@ -366,9 +377,9 @@ def _linear(f: Floats, tables: Ints, row: int, axes: int, at: int, r: Floats, i:
     if axes == 2:
         return near
     far = plane(f, at + s1, s2, t2, t3)
-    near = (1.0 - t1) * near + t1 * far
+    near = _mix(near, far, t1)
     if axes == 3:
         return near
     at += s0
     other, far = plane(f, at, s2, t2, t3), plane(f, at + s1, s2, t2, t3)
-    return (1.0 - t0) * near + t0 * ((1.0 - t1) * other + t1 * far)
+    return _mix(near, _mix(other, far, t1), t0)

@@ -32,6 +32,8 @@ Ints = npt.NDArray[np.int64]
 
 # Columns of `places` in the rooms of the variables: the place asked for, and the one that is looked up.
 ASKED, FOUND = 0, 1
+# Of the range of the points: what is farther has no square that is a number, and no answer.
+FARTHEST = 1e150
 
 
 @strictly_alike
@@ -136,19 +138,31 @@ def _value(f: Floats, simplex: int, n: int, p: Floats, column: int) -> float:
 
 
 @strictly_alike
+def _onwards(f: Floats, simplex: int, n: int, p: Floats) -> float:
+    """The same at the place ASKED beyond the points, from its value at FOUND on: where all values are
+    equal no distance makes anything else of them."""
+    value, values = _value(f, simplex, n, p, FOUND), simplex + n * n + n
+    for corner in range(n):
+        way = _weight(f, simplex, n, corner, p, ASKED) - _weight(f, simplex, n, corner, p, FOUND)
+        value += way * (f[values + corner] - f[values + n])
+    return value
+
+
+@strictly_alike
 def read_scattered(f: Floats, at: int, n: int, p: Floats) -> tuple[float, float]:
     """The table at the place ASKED, in the units of its variables; how far that is beyond its points, in
     parts of their range."""
     room = p.shape[0] - MOST_VARIABLES
     for i in range(n):
         x = (p[room + i, ASKED] - f[at + LOW + i]) / f[at + SPAN + i]
-        if x != x:
-            return x, 0.0
+        if not abs(x) < FARTHEST:
+            return math.nan, 0.0
         p[room + i, ASKED], p[room + i, FOUND] = x, x
     simplex, is_within = _simplex(f, at, n, p)
     if is_within or not _is_beyond(f, at, n, p):
         return _value(f, simplex, n, p, ASKED), 0.0
     beyond = _to_nearest(f, at, n, p)
     simplex, _ = _simplex(f, at, n, p)
-    column = ASKED if f[at + ACTION] == CONTINUES else FOUND
-    return _value(f, simplex, n, p, column), beyond
+    if f[at + ACTION] == CONTINUES:
+        return _onwards(f, simplex, n, p), beyond
+    return _value(f, simplex, n, p, FOUND), beyond
