@@ -39,18 +39,19 @@ def say_if_compiling(machine: Machine, engine: str) -> None:
     from hybrid.engine import kernel
 
     limited = len(machine.tape.length_of) > 0
-    if not kernel.is_compiled(kernel.play) or (limited and engine == "exact" and _rounds_anew()):
+    if not kernel.is_compiled(kernel.play) or (engine == "exact" and _computes_anew(machine)):
         say("compiling the kernel, once after installation ...")
     if engine == "nonlinear":
         _say_of_circuits(machine, limited)
 
 
-def _rounds_anew() -> bool:
-    """Whether programs of limited word length are still to be compiled."""
+def _computes_anew(machine: Machine) -> bool:
+    """Whether what plays programs such as this one's is still to be compiled."""
     from hybrid.engine import kernel
-    from hybrid.engine.limited import play_limited
+    from hybrid.engine.linear import player_of
+    from hybrid.engine.preparation import deck_of
 
-    return not kernel.is_compiled(play_limited)
+    return not kernel.is_compiled(player_of(deck_of(machine.tape)[0]))
 
 
 def _say_of_circuits(machine: Machine, limited: bool) -> None:

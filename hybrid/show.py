@@ -184,10 +184,11 @@ def _show_overloads(console: Console, overloads: Sequence[Mapping[str, Any]]) ->
                 f"{figure(o['worst_value'], digits)} {o['units']}".strip(),
                 figure(o["worst_time_s"], 7),
                 figure(o["full_scale"], digits),
+                "-" if o["duration_s"] is None else figure(o["duration_s"], 4),
             )
         )
     console.print()
-    columns = ("overload", "first at s", "worst", "at s", "full scale")
+    columns = ("overload", "first at s", "worst", "at s", "full scale", "for s")
     show_table(console, "", columns, rows, style="red")
     if len(overloads) > MOST_OVERLOADS:
         console.print(f"and {len(overloads) - MOST_OVERLOADS} more")

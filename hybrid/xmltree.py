@@ -6,11 +6,16 @@ and size and depth are limited, so that no small file can unfold into a huge one
 
 from __future__ import annotations
 
+import re
 from collections.abc import Iterator
 from dataclasses import dataclass, field
 from xml.parsers import expat
 
 from hybrid.errors import PatchError, Place, quoted
+
+# A tag with its attributes, and the name of an entity in it that XML does not know by itself.
+_TAG = re.compile(rb"""<(?:[^>"']|"[^"]*"|'[^']*')*>""")
+_ENTITY = re.compile(rb"&(?!(?:amp|lt|gt|quot|apos);|#)([^;\s]*);?")
 
 MOST_ELEMENTS = 500_000
 DEEPEST_NESTING = 100
@@ -44,9 +49,10 @@ class Element:
 
 def read_xml(text: str, file: str) -> Element:
     """The root element; raises PatchError with the line of whatever is wrong."""
-    builder = _Builder(file)
+    source = text.encode("utf-8", "replace")
+    builder = _Builder(file, source)
     try:
-        builder.parser.Parse(text.encode("utf-8", "replace"), True)
+        builder.parser.Parse(source, True)
     except expat.ExpatError as error:
         reason = expat.ErrorString(error.code)
         raise PatchError(f"not well-formed XML: {reason}", Place(file, error.lineno)) from None
@@ -57,8 +63,9 @@ def read_xml(text: str, file: str) -> Element:
 class _Builder:
     """Makes the tree from the parser's events."""
 
-    def __init__(self, file: str) -> None:
+    def __init__(self, file: str, source: bytes) -> None:
         self.file = file
+        self.source = source
         self.root: Element | None = None
         self.open: list[Element] = []
         self.pieces: list[list[str]] = []
@@ -71,6 +78,7 @@ class _Builder:
         parser.CharacterDataHandler = self.data
         parser.EntityDeclHandler = self.refuse_entity
         parser.SkippedEntityHandler = self.refuse_reference
+        parser.AttlistDeclHandler = self.refuse_defaults
 
     @property
     def place(self) -> Place:
@@ -81,6 +89,7 @@ class _Builder:
         if self.count > MOST_ELEMENTS or len(self.open) >= DEEPEST_NESTING:
             most = f"{MOST_ELEMENTS} elements, nested {DEEPEST_NESTING} deep"
             raise PatchError(f"too large; at most {most}, are read", self.place)
+        self.refuse_references_in_tag()
         element = Element(tag.rpartition(":")[2], attributes, self.place)
         if self.open:
             self.open[-1].children.append(element)
@@ -98,6 +107,20 @@ class _Builder:
     def refuse_entity(self, name: str, *_: object) -> None:
         raise PatchError(
             f"declares the entity {quoted(name)}; entities are not read, write their text itself",
+            self.place,
+        )
+
+    def refuse_references_in_tag(self) -> None:
+        """In attributes the parser drops what it does not know, and tells nobody."""
+        tag = _TAG.match(self.source, self.parser.CurrentByteIndex)
+        used = tag and _ENTITY.search(tag[0])
+        if used:
+            self.refuse_reference(used[1].decode())
+
+    def refuse_defaults(self, tag: str, attribute: str, *_: object) -> None:
+        raise PatchError(
+            f"declares what <{tag}> has for {attribute}; declarations are not read, "
+            "write the attribute where it belongs",
             self.place,
         )
 

@@ -17,6 +17,7 @@ from hybrid.engine.corners import Log, settle
 from hybrid.engine.limited import compute
 from hybrid.engine.nodes import RESOLUTION, Nodes, Shelf
 from hybrid.engine.noise import Noise, jump
+from hybrid.engine.programs import compute_rest
 from hybrid.engine.relaxation import (
     CHATTER,
     GATHERED,
@@ -162,6 +163,9 @@ def take_turns(
         )
         if outcome == kernel.OVERLOADED and side.state.counts[ON_OVERLOAD] != STOP_RUN:
             _hold_now(score, side, noise, clock, state)
+            continue
+        if outcome == kernel.COMPUTES and deck.length_of.shape[0] == 0:
+            compute_rest(score, deck, state)
             continue
         if outcome != kernel.WAITING:
             return int(outcome)

@@ -26,16 +26,15 @@ from hybrid.engine.arrays import (
     Score,
     State,
 )
-from hybrid.engine.bursts import MULTIPLY_ADD, multiply_add, run_bursts
+from hybrid.engine.bursts import MULTIPLY_ADD, multiply_add
 from hybrid.engine.compiling import compiled, inlined
-from hybrid.engine.lookup import note_missed
 
 # What a cue asks for.
 ADVANCE, SAMPLE, CONVERT, TAKE, START, END, LATCH, SOURCE, LOOK, RECORD = range(10)
 
 # Indices into State.counts: rows to skip, rows written, draws used, place in the
 # segment; whether an overload ends the run: NEVER, the next one, or one that is there already; whether
-# the cycle of limited word length that is to begin has been computed.
+# the caller has computed the cycle that is to begin.
 SKIP, ROWS, DRAWS, REPEAT, CUE, STOPS, COMPUTED = range(7)
 NEVER, NEXT, AT_ONCE = range(3)
 # Indices into a row of State.overload: how many instants beyond range, the first (repeat, instant), the
@@ -47,7 +46,7 @@ TIMES, FIRST_REPEAT, FIRST_INSTANT, WORST_REPEAT, WORST_INSTANT, LAST = range(6)
 # WAITING: no propagators, so the caller must advance the analog side or let it follow a jump.
 # OUTSIDE: a function of the program was asked beyond its range and is to stop the run there.
 # CALLED: a comparator has switched that starts a task; what is due next must be laid out anew.
-# COMPUTES: a program of limited word length, for which the caller must compute a cycle.
+# COMPUTES: a program of which the caller must compute the cycle, or what the kernel leaves of it.
 # GATHERS: a comparator switches at ever shorter intervals, which add up to a finite time.
 DONE, PAUSED, RUNAWAY, NOT_FINITE, WAITING, CHATTERS, NOT_RESOLVED, OVERLOADED = range(8)
 OUTSIDE, OVERFLOWED, CALLED, GATHERS, COMPUTES = 8, 9, 10, 11, 12
@@ -172,54 +171,28 @@ def _take(adc: Any, number: int, value: float, signals: int, state: State, now: 
 
 
 @inlined
-def _compute(deck: Deck, state: State, number: int, now: Moment) -> int:
-    """Play a program on the words it reads; COMPUTES where the caller is to do so."""
+def _compute(deck: Deck, state: State, number: int) -> int:
+    """Play a program on the words it reads; COMPUTES where the caller is to do so, or to go on."""
     program, following = deck.programs[number], deck.programs[number + ONE]
     registers, outside, outcome = state.registers, state.outside, PAUSED
-    limited, clock = deck.length_of.shape[0] > 0, outside.shape[0] - 1
-    if limited and state.counts[COMPUTED] > 0:
+    if state.counts[COMPUTED] > 0:
         outcome = _unless_overloaded(state)
         if outcome == PAUSED:
             state.counts[COMPUTED] = 0
     else:
         for k in range(np.uint64(program.shared), np.uint64(following.shared)):
             registers[deck.shared[k].register] = state.words[deck.shared[k].word]
-        if limited:
+        burst, end = np.int64(program.code), np.int64(following.code)
+        limited = deck.length_of.shape[0] > 0
+        # Small programs are nothing but products and sums, and need none of the rest.
+        while not limited and burst < end and deck.bursts[burst, 0] == MULTIPLY_ADD:
+            multiply_add(deck.steps, deck.bursts[burst, 1], deck.bursts[burst, 2], registers)
+            burst += 1
+        if burst < end:
             outcome = COMPUTES
-        else:
-            burst, end = np.int64(program.code), np.int64(following.code)
-            # Small programs are nothing but products and sums, and need none of the rest.
-            while burst < end and deck.bursts[burst, 0] == MULTIPLY_ADD:
-                multiply_add(deck.steps, deck.bursts[burst, 1], deck.bursts[burst, 2], registers)
-                burst += 1
-            if burst < end:
-                outside[clock, helper_functions.REPEAT] = now.repeat
-                outside[clock, helper_functions.INSTANT] = now.instant
-                _compute_rest(
-                    deck, state, burst, end, np.int64(program.asks), np.int64(following.asks)
-                )
-    if outcome == PAUSED and outside[clock, helper_functions.TIMES] > 0.0:
+    if outcome == PAUSED and outside[outside.shape[0] - 1, helper_functions.TIMES] > 0.0:
         outcome = OUTSIDE
     return outcome
-
-
-@compiled
-def _compute_rest(deck: Deck, state: State, burst: Any, end: Any, asks: Any, last: Any) -> None:
-    """Play the bursts of a program, and note what it asked beyond its range."""
-    if run_bursts(
-        deck.bursts,
-        burst,
-        end,
-        deck.steps,
-        state.registers,
-        deck.figures,
-        deck.axes,
-        deck.tables,
-        state.places,
-        state.intervals,
-        state.outside,
-    ):
-        note_missed(deck.asks, asks, last, state.places, state.intervals, state.outside)
 
 
 @inlined
@@ -308,8 +281,8 @@ def play(
 
     Returns why it ended: PAUSED, RUNAWAY, NOT_FINITE, OVERLOADED where counts[STOPS] asks for it, or
     WAITING at every ADVANCE and LOOK where there are no propagators (but where the one follows the
-    other), or COMPUTES at every START where
-    word lengths are limited; the cue that ended it is not done.
+    other), or COMPUTES at a START of a program that it does not play alone; the cue that ended it is
+    not done.
     `normals` must hold enough draws for that, from counts[DRAWS] on; every `keep_every`-th row of the
     record is kept, in `rows`.
     """
@@ -332,7 +305,7 @@ def play(
             elif what == CONVERT:
                 outcome = _take(adcs[i], i, state.sample[i], signals, state, now)
             elif what == START:
-                outcome = _compute(deck, state, i, now)
+                outcome = _compute(deck, state, i)
                 if outcome == PAUSED:
                     _begin(deck, state, i)
             elif what == END:

@@ -7,13 +7,14 @@ one go gives the same bits: normal draws come from one stream, in the order of t
 from __future__ import annotations
 
 import functools
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
 
 import numpy as np
 
 from hybrid.engine import helper_functions, kernel
-from hybrid.engine.arrays import CUE, Plant, Score, State
+from hybrid.engine.arrays import CUE, Deck, Plant, Score, State
+from hybrid.engine.bursts import MULTIPLY_ADD
 from hybrid.engine.limited import play_limited
 from hybrid.engine.preparation import (
     coupling_of,
@@ -25,6 +26,7 @@ from hybrid.engine.preparation import (
     state_of,
     sums_of,
 )
+from hybrid.engine.programs import play_programs
 from hybrid.errors import PatchError
 from hybrid.machine import Floats, Machine, Pen
 from hybrid.modes import CONTINUE
@@ -39,6 +41,14 @@ NO_DRAWS = np.zeros(0)
 NO_COUNTS = np.zeros(1, dtype=np.int64)
 # Tells the overload of a DAC's input from that of the analog signal it drives.
 DAC_SUFFIX = " (DAC)"
+
+
+def player_of(deck: Deck) -> Callable[..., int]:
+    """The compiled function that plays these programs, which has in it no more than they need."""
+    if len(deck.length_of):
+        return play_limited  # type: ignore[no-any-return]
+    more = np.any(deck.bursts[:, 0] != MULTIPLY_ADD)
+    return play_programs if more else kernel.play  # type: ignore[no-any-return]
 
 
 @dataclass(frozen=True, slots=True)
@@ -134,8 +144,7 @@ class Player:
 
     def _play_to(self, score: Score, normals: Floats, stop_repeat: int, stop_cue: int) -> int:
         """Play on in the segment; why it ended."""
-        play = play_limited if len(self.deck.length_of) else kernel.play
-        outcome: int = play(
+        outcome: int = player_of(self.deck)(
             score,
             self.plant,
             self.coupling,

@@ -23,12 +23,14 @@ from hybrid.engine.circuit import (
     GAIN,
     HIGH,
     KIND,
+    LOW,
+    OF_INTEGRATOR,
     OF_SUM,
     OWNER,
     ROLE,
     Circuit,
 )
-from hybrid.engine.sweep import ENDED_BY, FROM_S, MOST, SHRUNK, TURNED_S, TURNS, State
+from hybrid.engine.sweep import ENDED_BY, FROM_S, MOST, SHRUNK, TIMES, TURNED_S, TURNS, State
 from hybrid.errors import PatchError
 from hybrid.machine import Machine
 
@@ -50,6 +52,24 @@ def chattering(circuit: Circuit, names: Sequence[str], changes: Floats) -> tuple
     return tuple(found)
 
 
+def held_back(
+    machine: Machine, circuit: Circuit, names: Sequence[str], state: State
+) -> tuple[str, ...]:
+    """Each output that stopped at its saturation without being beyond full scale, which no indicator
+    tells, in words. Limits that the patch gives an integrator are not meant."""
+    elements, found = dict(machine.elements), []
+    for corner, (e, role, first, _) in enumerate(circuit.corners.tolist()):
+        by_limits = role == OF_INTEGRATOR and elements[names[e]].limits is not None
+        if role == OF_SUM or by_limits or state.overload[e, TIMES] > 0.0:
+            continue
+        left = np.isfinite(state.changes[corner, [TURNED_S, TURNED_S + TURNS]])
+        if state.piece[corner] != 1 or left.any():
+            name, _, _ = names[e].partition(":")
+            level = float(np.max(np.abs(circuit.pieces[first + 1, [LOW, HIGH]])))
+            found.append(f"{name} was held back by its saturation, {level:.4g} of full scale")
+    return tuple(found)
+
+
 def ended_by(circuit: Circuit, names: Sequence[str], state: State, gathered: bool) -> str:
     """What the part did that ended the run by how it switches; '' where none did. gathered: its changes
     add up to a finite time, else it chatters."""
@@ -63,7 +83,8 @@ def ended_by(circuit: Circuit, names: Sequence[str], state: State, gathered: boo
         return f"{name} chatters: give it hysteresis, or what it drives a lag"
     ends_s = turned_s + span_s * ratio / (1.0 - ratio)
     return (
-        f"{name} switches at ever shorter intervals, each {ratio:.6g} of the one before, so without end "
+        f"{name} switches either way at ever shorter intervals, each {ratio:.6g} of the one before, so "
+        f"without end "
         f"by {ends_s:.9g} s; nothing says what is after that: give it hysteresis, or parts a lag"
     )
 

@@ -33,7 +33,7 @@ from hybrid.engine.relaxation import (
     advance,
     no_pen,
 )
-from hybrid.engine.remarks import chattering, ended_by, refuse_undefined
+from hybrid.engine.remarks import chattering, ended_by, held_back, refuse_undefined
 from hybrid.engine.sweep import (
     DRIVE,
     FROZEN,
@@ -157,8 +157,12 @@ class CircuitPlayer(Player):
         return float(self.side.state.clock[SUM_OF_ERRORS])
 
     def remarks(self) -> tuple[str, ...]:
-        """Parts that chatter."""
-        return chattering(self.side.circuit, self.names, self.side.state.changes)
+        """Parts that chatter, and those that saturate unseen."""
+        circuit, state = self.side.circuit, self.noise.truth if self.noise else self.side.state
+        return (
+            *chattering(circuit, self.names, self.side.state.changes),
+            *held_back(self.machine, circuit, self.names, state),
+        )
 
     @property
     def why_ended(self) -> str:
