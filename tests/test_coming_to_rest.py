@@ -54,7 +54,8 @@ def test_jumps_that_add_up_end_the_run_with_their_end(e):
     result = played(e, "ideal")
     assert result.status == "stopped"
     note = re.fullmatch(
-        r"stopped at (\S+) s: free switches either way at ever shorter intervals, each (\S+) of the one before, "
+        r"stopped at (\S+) s: free switches either way at ever shorter intervals, "
+        r"each (\S+) of the one before, "
         r"so without end by (\S+) s; nothing says what is after that: "
         r"give it hysteresis, or parts a lag",
         result.status_note,
@@ -177,7 +178,8 @@ def test_both_engines_say_where_a_mass_comes_to_rest(engine, seen):
     """
     result = hybrid.run(hybrid.parse_patch(TWISTING), engine=engine)
     note = re.fullmatch(
-        r"stopped at (\S+) s: \w+ switches either way at ever shorter intervals, each (\S+) of the one before, "
+        r"stopped at (\S+) s: \w+ switches either way at ever shorter intervals, "
+        r"each (\S+) of the one before, "
         r"so without end by (\S+) s; nothing says what is after that: .*",
         result.status_note,
     )

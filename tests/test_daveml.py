@@ -271,7 +271,7 @@ def test_the_short_form_of_a_function(flown):
 LAUGHS = '<!DOCTYPE DAVEfunc [<!ENTITY a "ha"><!ENTITY b "&a;&a;&a;&a;">]><DAVEfunc>&b;</DAVEfunc>'
 READS = '<!DOCTYPE DAVEfunc [<!ENTITY x SYSTEM "file:///etc/passwd">]><DAVEfunc>&x;</DAVEfunc>'
 PARAMETER = '<!DOCTYPE DAVEfunc [<!ENTITY % p SYSTEM "http://127.0.0.1/p.dtd"> %p;]><DAVEfunc/>'
-DEFAULT = '<!DOCTYPE DAVEfunc [<!ATTLIST variableDef initialValue CDATA "7">]>\n<DAVEfunc'
+DEFAULT = '<!DOCTYPE DAVEfunc [<!ATTLIST variableDef initialValue CDATA "7">]><DAVEfunc/>'
 DEEP = "<DAVEfunc>" + "<a>" * 200 + "</a>" * 200 + "</DAVEfunc>"
 
 
@@ -285,7 +285,7 @@ DEEP = "<DAVEfunc>" + "<a>" * 200 + "</a>" * 200 + "</DAVEfunc>"
         (MODEL, "<DAVEfunc>&nbsp;</DAVEfunc>", 1, "not well-formed XML: undefined entity"),
         ("<fileHeader>", "<fileHeader>&alpha;", 5, "uses the entity 'alpha'"),
         ('minValue="10"', 'minValue="1&foo;0"', 7, "uses the entity 'foo'"),  # dropped by expat
-        ("<DAVEfunc", DEFAULT, 1, "declares what <variableDef> has for initialValue"),
+        (MODEL, DEFAULT, 1, "declares what <variableDef> has for initialValue"),
         (MODEL, "", 1, "not well-formed XML: no element found"),
         (MODEL, "<html/>", 1, "<html> is no DAVE-ML"),
         (MODEL, "<DAVEfunc/>", 1, "no <variableDef>"),

@@ -4,6 +4,7 @@ import os
 import shutil
 import subprocess
 import sys
+import tomllib
 from pathlib import Path
 
 import pytest
@@ -54,3 +55,12 @@ def test_a_new_module_is_under_the_rules(linted, module):
 def test_nothing_but_the_engine_may_load_numba(linted):
     code, told = linted("engine/fresh.py", "import numba\n")
     assert code == 0, told
+
+
+def test_every_package_is_installed():
+    """An installation that is no editable one has in it the packages that are named, and no others."""
+    named = tomllib.loads((HERE / "pyproject.toml").read_text())["tool"]["setuptools"]["packages"]
+    found = {
+        ".".join(file.parent.relative_to(HERE).parts) for file in HERE.glob("hybrid/**/__init__.py")
+    }
+    assert set(named) == found | {"hybrid.patches"}

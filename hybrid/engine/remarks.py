@@ -53,14 +53,15 @@ def chattering(circuit: Circuit, names: Sequence[str], changes: Floats) -> tuple
 
 
 def held_back(
-    machine: Machine, circuit: Circuit, names: Sequence[str], state: State
+    machine: Machine, circuit: Circuit, names: Sequence[str], state: State, overload: Floats
 ) -> tuple[str, ...]:
     """Each output that stopped at its saturation without being beyond full scale, which no indicator
-    tells, in words. Limits that the patch gives an integrator are not meant."""
+    tells, in words. Limits that the patch gives an integrator are not meant. `overload`: of the State
+    that is seen, which has noise."""
     elements, found = dict(machine.elements), []
     for corner, (e, role, first, _) in enumerate(circuit.corners.tolist()):
         by_limits = role == OF_INTEGRATOR and elements[names[e]].limits is not None
-        if role == OF_SUM or by_limits or state.overload[e, TIMES] > 0.0:
+        if role == OF_SUM or by_limits or overload[e, TIMES] > 0.0:
             continue
         left = np.isfinite(state.changes[corner, [TURNED_S, TURNED_S + TURNS]])
         if state.piece[corner] != 1 or left.any():

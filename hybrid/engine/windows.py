@@ -158,10 +158,11 @@ class CircuitPlayer(Player):
 
     def remarks(self) -> tuple[str, ...]:
         """Parts that chatter, and those that saturate unseen."""
-        circuit, state = self.side.circuit, self.noise.truth if self.noise else self.side.state
+        circuit, state = self.side.circuit, self.side.state
+        overload = self.noise.truth.overload if self.noise else state.overload
         return (
-            *chattering(circuit, self.names, self.side.state.changes),
-            *held_back(self.machine, circuit, self.names, state),
+            *chattering(circuit, self.names, state.changes),
+            *held_back(self.machine, circuit, self.names, state, overload),
         )
 
     @property
