@@ -161,7 +161,7 @@ def test_every_combination_is_run(folder: Path, capsys: pytest.CaptureFixture[st
     assert main(["batch", "decay.yaml", *options]) == 0
     found = json.loads(capsys.readouterr().out)
     assert found.keys() == BATCH | {"files"}
-    assert found["files"] == ["out/decay_batch.nc", "out/decay_batch.png"]
+    assert found["files"] == ["out/decay_seed5_batch.nc", "out/decay_seed5_batch.png"]
     assert all(run.keys() == RUN for run in found["runs"])
     assert all(about.keys() == ABOUT for about in found["summary"].values())
     made = [(*run["parameters_si"].values(), run["serial"]) for run in found["runs"]]

@@ -147,7 +147,8 @@ def test_commands_take_dotted_names(
     main(["run", "two.yaml", *options])
     answer = json.loads(capsys.readouterr().out)
     assert answer["parameters_si"]["right.top"] == 20.0
-    with xarray.open_dataset("out/two.nc") as record:
+    assert answer["files"][0].startswith("out/two_right.top=20")
+    with xarray.open_dataset(answer["files"][0]) as record:
         assert record["right.rate"].attrs["full_scale"] == 20.0
         assert answer["readouts"]["end"]["value"] == record["left.angle"][-1]
     main(["draw", "two.yaml", "--out", "two.svg"])
