@@ -68,11 +68,13 @@ def ending(player: Player) -> tuple[str, str]:
             "zero, or a root or logarithm of a negative number)"
         )
     machine = player.machine
+    tasks = machine.timing.tasks  # one program alone leaves out nothing
+    rows = task_rows(machine, player.timeline, player.done_ticks) if tasks else ()
     notes = (
         _held_note(player),
         _short_note(machine),
         _late_readouts(machine),
-        load_text(machine, task_rows(machine, player.timeline, player.done_ticks)),
+        load_text(machine, rows),
         _left_out(player),
         _outside_note(player),
         *player.remarks(),

@@ -5,6 +5,7 @@ Stage 3, for `compiler`.
 
 from __future__ import annotations
 
+import functools
 from collections.abc import Mapping, Sequence
 
 from hybrid.errors import PatchError
@@ -43,6 +44,12 @@ def ticks_of(duration: Value | None, scope: Mapping[str, float], time_scale: flo
 
 def program_operations(tape: Tape, number: int) -> dict[str, int]:
     """How many operations of each kind a cycle of a program is, once its formulas have started."""
+    return dict(_operations(tape, number))
+
+
+# The runs of a sweep or batch mostly share programs, and each tells how much its tasks ask for.
+@functools.lru_cache(maxsize=64)
+def _operations(tape: Tape, number: int) -> Mapping[str, int]:
     first, last = tape.starts[number : number + 2, CODE].tolist()
     skips = [k for k in range(first, last) if tape.code[k, 0] == Op.SKIP]
     counted = set(range(first, last))
