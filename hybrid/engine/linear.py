@@ -94,6 +94,7 @@ class Player:
             deck_of(machine.tape)[0],
             pens_of(machine, pens),
         )
+        self._compiled = player_of(self.deck)
         self.state = self._first_state()
         self.rows = np.empty((-(-timeline.rows // keep_every), len(pens)))
         self.segment = 0
@@ -144,7 +145,7 @@ class Player:
 
     def _play_to(self, score: Score, normals: Floats, stop_repeat: int, stop_cue: int) -> int:
         """Play on in the segment; why it ended."""
-        outcome: int = player_of(self.deck)(
+        outcome: int = self._compiled(
             score,
             self.plant,
             self.coupling,

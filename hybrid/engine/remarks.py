@@ -85,8 +85,8 @@ def ended_by(circuit: Circuit, names: Sequence[str], state: State, gathered: boo
     ends_s = turned_s + span_s * ratio / (1.0 - ratio)
     return (
         f"{name} switches either way at ever shorter intervals, each {ratio:.6g} of the one before, so "
-        f"without end "
-        f"by {ends_s:.9g} s; nothing says what is after that: give it hysteresis, or parts a lag"
+        f"without end by {ends_s:.9g} s; nothing says what is after that: give it hysteresis, or "
+        "parts a lag"
     )
 
 
