@@ -194,9 +194,11 @@ class Fields:
         keys: Iterable[Key],
         scope: Scope,
         place: Place | None = None,
+        places: Mapping[str, Place] | None = None,
     ) -> None:
-        """Refuses unknown keys at once; `place`: where a missing key is missed."""
-        self.table, self.what, self.scope = table, what, scope
+        """Refuses unknown keys at once; `place`: where a missing key is missed; `places`: where the
+        parameters stand."""
+        self.table, self.what, self.scope, self._places = table, what, scope, places or {}
         only_keys(table, keys, what, place)
 
     def tree(self, key: str) -> Tree:
@@ -331,7 +333,7 @@ class Fields:
         assert isinstance(tree, Text)
         if not fits(tree.text, found, wanted):
             due = in_words(wanted, own.unit if own and key.unit is Unit.OWN else "")
-            raise PatchError(f"{what} is {quoted(tree.text)}; it must be {due}", tree.place)
+            raise PatchError(f"{what} is {self._as_given(tree)}; it must be {due}", tree.place)
         return Value(
             value.expr,
             value.place,
@@ -340,6 +342,14 @@ class Fields:
             not_negative=key.bound is Bound.NOT_NEGATIVE,
             unit=_si_unit(wanted),
         )
+
+    def _as_given(self, tree: Text) -> str:
+        """The text of a value, and of a parameter alone what it is and by which line."""
+        dimension, place = self.scope.get(tree.text), self._places.get(tree.text)
+        if dimension is None or place is None:
+            return quoted(tree.text)
+        kind = in_words(dimension).partition(",")[0]
+        return f"{quoted(tree.text)}, which is {kind} by {place}"
 
     def terms(self, key: str) -> tuple[tuple[str, Value], ...]:
         """{signal: coefficient, ...}, sorted by signal."""

@@ -120,6 +120,13 @@ SIGNALS = [
 UNITS = [
     Wrong("initial", "initial: 0.1 rad", "initial: 1 ms", ("'1 ms'", "pure number")),
     Wrong("initial, derived", "initial: 0 rad/s", "initial: 3 V", ("'3 V'", "in rad/s")),
+    Wrong(
+        "parameter",
+        "cycle: 1 ms",
+        "cycle: 1 V",
+        ("'cycle', which is in kg*m^2/(s^3*A) by", "yaml:5; it must be a time"),
+        at="period: cycle",
+    ),
     Wrong("sine", "{sine: 0.1 V", "{sine: 1 ms", ("'1 ms'", "in V")),
     Wrong(
         "coefficient",
