@@ -172,15 +172,21 @@ class Processor:
                 other._at(int(at) - self.now, turn, step.do, *of)
         return other
 
-    def state(self) -> tuple[object, ...]:
-        """All that the future depends on, seen from now: equal states have equal futures."""
+    def state(self, ages: bool = True) -> tuple[object, ...]:
+        """All that the future depends on, seen from now: equal states have equal futures.
+
+        ages: with since when cycles wait for the processor or have it, on which their response times
+        depend but nothing that is done.
+        """
         now = self.now
         desks = []
         for task, desk in zip(self.duty.tasks, self._desks, strict=True):
             cycle, about = desk.cycle, None
             if cycle:
                 left = cycle.left - (now - self._since) * (cycle is self._running)
-                about = (cycle.due - now, cycle.begun - now, left, cycle.started)
+                aged = ages or cycle.converting > 0
+                since = (cycle.due - now, cycle.begun - now) if aged else ()
+                about = (since, left, cycle.started)
             due = task.phase + desk.ticks * task.period - now
             desks.append((about, tuple(tick - now for tick in desk.waiting), due))
         running = self._running.task if self._running else None

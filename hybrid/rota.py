@@ -98,16 +98,20 @@ def _rota(duty: Duty, until: int) -> Rota:
 
 @functools.lru_cache(maxsize=64)
 def _settled(duty: Duty, stretch: int, until: int, most_events: int) -> tuple[int, int] | None:
-    """Played until the state at the end of a stretch, seen from there, is one that has been before."""
+    """Played until the state at the end of a stretch, seen from there, is one that has been before.
+
+    Where it differs only by how long cycles have waited, those that end have begun since, as they will
+    again, and the others never end: the next stretches repeat, not the ones before.
+    """
     processor, number = Processor(duty), 0
-    seen: dict[tuple[object, ...], int] = {}
+    seen: dict[tuple[object, ...], tuple[int, tuple[object, ...]]] = {}
     while len(processor.log) <= most_events and number * stretch <= until:
-        state = processor.state()
+        state, aged = processor.state(ages=False), processor.state()
         if state in seen:
-            first = seen[state]
-            again = number - first
+            before, its = seen[state]
+            again, first = number - before, before if its == aged else number
             return max(-(-first // again), 1) * again, again
-        seen[state] = number
+        seen[state] = number, aged
         number += 1
         processor.run(number * stretch)
     return None

@@ -4,7 +4,7 @@ millisecond by millisecond in plain Python, in every shipped patch with tasks, a
 from __future__ import annotations
 
 import json
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from fractions import Fraction
 
 import pytest
@@ -13,8 +13,11 @@ from hypothesis import strategies as st
 
 import hybrid
 from hybrid.cli import main
+from hybrid.compiler import compile_patch
 from hybrid.errors import PatchError
 from hybrid.patchfile import parse_patch
+from hybrid.rota import rota_until, settled
+from hybrid.timeline import stretch_of
 
 UNTIL = 97  # ms
 
@@ -144,6 +147,36 @@ def test_a_run_and_a_check_tell_what_fixed_priority_scheduling_does(
     assert {
         t.name for t in tasks if any(f"task {t.name!r} has" in w for w in check.warnings)
     } == late
+
+
+@given(
+    figures=st.lists(figures, min_size=1, max_size=4),
+    priorities=st.one_of(st.none(), st.permutations([5, 1, 3, 2])),
+    preemptive=st.booleans(),
+)
+@settings(max_examples=100, deadline=None, derandomize=True)
+def test_tasks_that_fall_behind_by_skipping_repeat_what_they_do(figures, priorities, preemptive):
+    """Whatever is asked of the processor, also where a task never gets it: what is left to compute is a
+    whole number of ms, so the tasks come to a round, which then goes on, responses included."""
+    tasks = [
+        Task("dcba"[i], *figure[:3], "skip", priorities[i] if priorities else None)
+        for i, figure in enumerate(figures)
+    ]
+    machine = compile_patch(parse_patch(patch_of(tasks, preemptive, counted=False)))
+    stretch = stretch_of(machine)
+    long = replace(machine, timing=replace(machine.timing, until=300 * stretch))
+    after, again = settled(long, stretch, 100_000)
+    assert after % again == 0
+
+    def done_in(round_: int) -> tuple[list, list]:
+        first, end = ((after + again * n) * stretch for n in (round_, round_ + 1))
+        rota = rota_until(long, end)
+        return (
+            [(tick - first, *rest) for tick, *rest in rota.events if tick >= first],
+            [(n.tick - first, n.task, n.response) for n in rota.notes if n.tick >= first],
+        )
+
+    assert done_in(0) == done_in(1) == done_in(4)
 
 
 def test_a_clock_that_is_late_changes_neither_utilisation_nor_the_number_of_cycles():
