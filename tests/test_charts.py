@@ -15,9 +15,11 @@ from matplotlib.image import imread
 from PIL import Image
 
 from hybrid.charts import coupling_chart, save, strip_chart, style
+from hybrid.charts.lanes import lane_limits
 from hybrid.charts.plotter import xy_plot
 from hybrid.charts.readings import readings_chart, sweep_charts
-from hybrid.charts.strip import MAX_LANES, _table_rows, lane_limits
+from hybrid.charts.readout_table import mode_rows
+from hybrid.charts.strip import MAX_LANES
 from hybrid.charts.style import broken, duration, envelope, number, round_up, unit_text
 from hybrid.errors import RunError
 
@@ -676,10 +678,10 @@ def test_an_overdamped_measurement_has_both_poles_in_the_table():
         for p in (1.0, 4.0)
     ]
     measured = {"omega": 2.0, "omega_damped": 0.0, "zeta": 1.25}
-    names = [row.label for row in _table_rows({"x": measured, "y": measured}, modes)]
+    names = [row.label for row in mode_rows({"x": measured, "y": measured}, modes)]
     assert names[-2:] == ["exact, real poles as one", "ideal, real poles as one"]
     assert names.count("exact, real poles as one") == 1
-    row = next(r for r in _table_rows({"x": measured}, modes) if r.label == names[-2])
+    row = next(r for r in mode_rows({"x": measured}, modes) if r.label == names[-2])
     assert (row.cells["omega"][0], row.cells["zeta"][0]) == (2.0, 1.25)
-    alone = _table_rows({"x": {**measured, "omega_damped": 1.0}}, modes)
+    alone = mode_rows({"x": {**measured, "omega_damped": 1.0}}, modes)
     assert not any("as one" in row.label for row in alone)
