@@ -202,6 +202,7 @@ def predict_command(options: argparse.Namespace) -> int:
         print_json(
             **machine_facts(result.machine),
             modes=result.to_dicts(),
+            notes=result.notes,
             **(asked if options.max_damping_error is not None else {}),
         )
     else:

@@ -8,13 +8,14 @@ from __future__ import annotations
 
 import functools
 import itertools
+import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 
 from hybrid.components import CATALOG
-from hybrid.cycle_map import CycleMap, cycle_maps, in_operation, without
+from hybrid.cycle_map import CycleMap, cycle_maps, in_operation, stretch_s, without
 from hybrid.eigenvalues import Complex, eigenvalues
 from hybrid.errors import HybridError
 from hybrid.expressions import Name
@@ -214,20 +215,31 @@ def _beside_ideal(machine: Machine, exact: list[complex]) -> tuple[Mode, ...]:
         pairs = [(s, complex(np.nan, np.nan)) for s in exact]
     else:
         pairs = _pair(exact, ideal.tolist())
-        pairs += _unmeant(exact, pairs)
+        pairs += _unmeant(exact, pairs, _lasting(machine))
     found = [_mode(s, i) for s, i in pairs if s.imag >= 0]
     return tuple(sorted(found, key=lambda m: (m.omega, m.zeta)))
 
 
+def _lasting(machine: Machine) -> float:
+    """The rate, 1/s, of a mode that falls to half in a stretch: what is slower belongs to what the
+    program remembers, faster ones to results that pass through. 0 without a digital machine, where what
+    is faster than all that is meant is a lag."""
+    timing = machine.timing
+    if not timing.period:
+        return 0.0
+    return math.log(2.0) / (stretch_s(machine) if timing.tasks else to_seconds(timing.period))
+
+
 def _unmeant(
-    exact: list[complex], pairs: list[tuple[complex, complex]]
+    exact: list[complex], pairs: list[tuple[complex, complex]], lasting: float
 ) -> list[tuple[complex, complex]]:
-    """Modes that nobody meant and that matter: those that grow, or are slower than a meant one."""
+    """Modes that nobody meant and that matter: those that grow, that last from stretch to stretch, or
+    are slower than a meant one."""
     taken = {mode for mode, _ in pairs}
-    slowest = max((abs(ideal) for _, ideal in pairs), default=0.0)
+    fastest = max((abs(ideal) for _, ideal in pairs), default=0.0)
     nothing = complex(np.nan, np.nan)
     left = [s for s in exact if s not in taken]
-    return [(s, nothing) for s in left if s.real > 0.0 or abs(s) < slowest]
+    return [(s, nothing) for s in left if s.real > -lasting or abs(s) < fastest]
 
 
 def _pair(exact: list[complex], ideal: list[complex]) -> list[tuple[complex, complex]]:

@@ -8,33 +8,28 @@ from __future__ import annotations
 
 import functools
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from hybrid import coupling, theory
-from hybrid.arguments import Parameters, Source, finite_number, machine_of
-from hybrid.compiler import compile_patch
+from hybrid.arguments import Parameters, Source, machine_of
 from hybrid.coupling import Mode
-from hybrid.errors import HybridError, RunError, shown
+from hybrid.errors import HybridError
 from hybrid.expressions import names, next_names, previous_names
 from hybrid.graph import simple_loops
+from hybrid.largest_cycle import damping_error_of, largest_cycle_s, what_follows
 from hybrid.linearity import LinearProgram, linear_program
 from hybrid.machine import Analog, Machine
 from hybrid.patch import Patch
-from hybrid.scale import to_seconds
 from hybrid.theory import ClosedForm
 from hybrid.together import only
 
 if TYPE_CHECKING:
     import pandas as pd
 
-# The search for the largest cycle time starts where a compute time in seconds is this many cycles.
-DEEPEST_SEARCHED = 20
-# ... and goes up by this factor, so that it takes some eighty steps to the longest one.
-STEP = 1.2
 # Two figures that should be equal and differ by rounding only.
 ROUNDING = 1e-9
 # Two modes that are one: where they meet, rounding of 1e-16 moves both by its root.
@@ -43,13 +38,17 @@ SAME_MODE = 1e-6
 
 @dataclass(frozen=True, eq=False)
 class Prediction:
-    """Exact modes of a patch on a machine, each with the closed form that applies to it or None."""
+    """Exact modes of a patch on a machine, each with the closed form that applies to it or None.
+
+    Frequencies in rad/s, times in s of problem time.
+    """
 
     machine: Machine
-    modes: tuple[Mode, ...]
-    closed_forms: tuple[ClosedForm | None, ...]
-    max_cycle_s: float | None = None
-    max_damping_error: float | None = None
+    modes: tuple[Mode, ...]  # slowest first
+    closed_forms: tuple[ClosedForm | None, ...]  # one a mode
+    max_cycle_s: float | None = None  # None: not asked, or no T exceeds the error
+    max_damping_error: float | None = None  # None: not asked
+    notes: tuple[str, ...] = ()  # what does not follow T
 
     def to_dicts(self) -> list[dict[str, Any]]:
         """One dict a mode: omega, omega_damped, zeta, omega_ideal, zeta_ideal, closed_form."""
@@ -87,6 +86,7 @@ class Prediction:
                 f"  largest T with a damping-ratio error below {self.max_damping_error:g}: "
                 f"{self.max_cycle_s:.6g} s"
             )
+        lines += [f"  {note}" for note in self.notes]
         return "\n".join(lines)
 
 
@@ -101,26 +101,24 @@ def predict(
     """Exact modes of the patch, with the closed forms beside them; nothing is run.
 
     Args: patch: a patch, the file or shipped name of one, or a compiled machine; parameters: SI
-    numbers or texts with units; max_damping_error: also find the largest cycle time whose modes all
-    keep their damping ratio within this of the ideal one. Raises PatchError, RunError, and NotLinear
-    where the program is not linear.
+    numbers or texts with units; machine: preset name; serial: which machine of the make;
+    max_damping_error: also find the largest cycle time whose modes all keep their damping ratio within
+    this of the ideal one. Modes are listed that the patch is meant to have, and of the others those
+    that grow, that last from cycle to cycle or that are slower than a meant one (with NaN as the
+    ideal). Sources: eigenvalues of the exact map (`coupling`), Eqs. 2.1 to 2.3 (`theory`). Raises
+    PatchError for a wrong patch, and RunError where there is no prediction: a part or the program is
+    not linear, or no largest cycle time can be found.
     """
     if max_damping_error is not None:
         max_damping_error = damping_error_of(max_damping_error)
     return predict_machine(machine_of(patch, parameters, machine, serial), max_damping_error)
 
 
-def damping_error_of(value: float) -> float:
-    """A permitted error of the damping ratio; raises RunError for what is none."""
-    error = finite_number(value)
-    if error is None or error <= 0:
-        raise RunError(f"the damping-ratio error must be above 0 and finite, not {shown(value)}")
-    return error
-
-
 def predict_machine(machine: Machine, max_damping_error: float | None = None) -> Prediction:
     """The same for a compiled machine."""
     found = only(predict_each([machine]))
+    asked = max_damping_error is not None
+    found = replace(found, notes=what_follows(machine, asked))
     if max_damping_error is None:
         return found
     longest = largest_cycle_s(machine, max_damping_error)
@@ -274,94 +272,3 @@ def _closed_form(case: Case) -> ClosedForm | None:
         return theory.all_analog(case.omega_p, case.lags_s)
     except ValueError:  # beyond the range of the series
         return None
-
-
-# -- the largest cycle time -------------------------------------------------------------------------
-
-
-def largest_cycle_s(machine: Machine, max_damping_error: float) -> float | None:
-    """The first T found beyond which a damping ratio is off by more than the given error.
-
-    Steps up by a fifth from a T far below any mode until the error is exceeded, then bisects to 1e-12
-    of T. So the error is kept at the T given and at every step below it, and exceeded just above.
-    Between two steps it is not looked at: an excursion that has come back within a fifth of T would be
-    missed. A mode that grows without being the one nearest to an ideal one counts as an error without
-    bound. None where no step up to one sample per half oscillation exceeds it. Raises RunError where
-    the patch has no digital machine or no ideal oscillation to compare with, or where lags alone
-    exceed the error.
-    """
-    max_damping_error = damping_error_of(max_damping_error)
-    if not machine.timing.period:
-        raise RunError("the patch has no digital machine, so no cycle time to find")
-    if machine.timing.tasks:
-        periods = [f"{task.name}.period" for task in machine.timing.tasks if task.period]
-        raise RunError(
-            "the patch has tasks, each with a period of its own, so there is no one T to find; sweep "
-            f"one instead: --over NAME=START:STOP:COUNT with {' or '.join(periods)}"
-        )
-    error = _damping_error(machine)
-    fastest = max((m.omega_ideal for m in coupling.modes(machine)), default=0.0)
-    if not fastest > 0:
-        raise RunError("the patch has no ideal mode to compare the damping ratio with")
-    shortest, longest, step = _shortest_cycle_s(machine, 1e-6 / fastest), math.pi / fastest, STEP
-    if error(shortest) > max_damping_error:
-        raise RunError(
-            f"even at T = {shortest:.3g} s the damping-ratio error is {error(shortest):.3g}"
-            f"{_why_not_less(machine, shortest, fastest)}"
-        )
-    low = shortest
-    while error(low * step) <= max_damping_error:
-        low *= step
-        if low > longest:
-            return None
-    high = low * step
-    while high / low - 1.0 > 1e-12:
-        middle = math.sqrt(low * high)
-        low, high = (middle, high) if error(middle) <= max_damping_error else (low, middle)
-        if middle in (low, high) and high / low - 1.0 < 4e-16:
-            break
-    return low
-
-
-def _why_not_less(machine: Machine, shortest_s: float, fastest: float) -> str:
-    """What keeps the damping-ratio error of the shortest cycle from vanishing."""
-    stages = machine.stages.values()
-    if (
-        any(stage.tau > 0 or stage.gain != 1.0 for stage in stages)
-        or shortest_s * fastest > 1.001e-6
-    ):
-        return ": lags, gain errors, and compute and conversion times in seconds alone exceed it"
-    return "; shorter ones are not tried, as rounding comes to rule there; ask for a larger error"
-
-
-def _shortest_cycle_s(machine: Machine, period_s: float) -> float:
-    """`period_s`, or more where compute and conversion times in seconds do not shrink with it."""
-    patch, overrides = coupling.with_period(machine.patch, machine.overrides, period_s)
-    scope, possible_s = patch.bind(overrides), [period_s]
-    if patch.program and patch.program.compute_time:
-        compute_s = patch.program.compute_time.number(scope) * machine.time_scale
-        possible_s.append(compute_s / DEEPEST_SEARCHED)
-    if patch.program and patch.program.counted:
-        possible_s.append(to_seconds(machine.timing.compute) / DEEPEST_SEARCHED)
-    for adc in patch.adcs:
-        conversion_s = adc.conversion_time.number(scope) if adc.conversion_time else 0.0
-        conversion_s *= machine.time_scale
-        if conversion_s >= period_s:  # an ADC must be done before its next sample
-            possible_s.append(1.01 * conversion_s)
-    return max(possible_s)
-
-
-def _damping_error(machine: Machine) -> Callable[[float], float]:
-    def error(period_s: float) -> float:
-        patch, overrides = coupling.with_period(machine.patch, machine.overrides, period_s)
-        try:
-            compiled = compile_patch(patch, overrides, machine.preset, machine.serial)
-        except RunError:
-            return math.inf
-        found = coupling.modes(compiled)
-        if any(math.isnan(m.omega_ideal) and m.zeta < 0 for m in found):
-            return math.inf  # a mode grows that nobody meant
-        errors = [abs(m.zeta - m.zeta_ideal) for m in found if m.omega_ideal > 0]
-        return max(errors, default=math.inf)
-
-    return error

@@ -222,13 +222,19 @@ def show_prediction(console: Console, prediction: Prediction) -> None:
         if closed and closed.get("note"):
             console.print(f"Eq. {closed['equation']}: {escape(closed['note'])}", style="dim")
     if not prediction.modes:
-        console.print("the patch has no modes: nothing in it integrates")
+        console.print(
+            "the patch has no modes: nothing in it integrates, and no word remembers for long"
+        )
     if prediction.max_damping_error is not None:
         asked = f"damping-ratio error below {prediction.max_damping_error:g}"
         if prediction.max_cycle_s is None:
-            console.print(f"{asked}: no cycle time exceeds it, up to two samples an oscillation")
+            console.print(
+                f"{asked}: no cycle time exceeds it that leaves two samples for a period of a mode"
+            )
         else:
             console.print(f"{asked}: T up to [bold]{prediction.max_cycle_s:.9g} s[/]")
+    for note in prediction.notes:
+        console.print(escape(note), style="dim")
 
 
 def show_sweep(console: Console, sweep: Sweep, files: Sequence[str]) -> None:

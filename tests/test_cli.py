@@ -136,7 +136,7 @@ TRIAL = {"played_s", "of_s", "status", "note", "interval_s"}
 LISTED = {"name", "title", "file"}
 ANSWERS = {
     "run": ABOUT | RUN,
-    "predict": ABOUT | {"modes", "max_damping_error", "max_cycle_s"},
+    "predict": ABOUT | {"modes", "notes", "max_damping_error", "max_cycle_s"},
     "sweep": SWEEP,
     "batch": BATCH,
     "check": CHECK,
@@ -183,7 +183,7 @@ def test_the_answer_of_run_without_a_prediction(capsys: pytest.CaptureFixture[st
 
 def test_the_answer_of_predict(capsys: pytest.CaptureFixture[str]) -> None:
     found = answer(capsys, "predict", "loop.yaml", "--set", "cycle=2 ms", "--machine", "ideal")
-    assert found.keys() == ABOUT | {"modes"}
+    assert found.keys() == ABOUT | {"modes", "notes"}
     assert (found["machine"], found["cycle_s"]) == ("ideal", 0.002)
     assert found["parameters"]["cycle"] == "2 ms"
     assert [m.keys() for m in found["modes"]] == [MODE]

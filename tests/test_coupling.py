@@ -11,9 +11,10 @@ from hybrid.checks import check
 from hybrid.coupling import exact_modes, ideal_modes, modes
 from hybrid.cycle_map import cycle_maps
 from hybrid.errors import RunError
+from hybrid.largest_cycle import STEP, largest_cycle_s
 from hybrid.linearity import NotLinear, linear_program
 from hybrid.patchfile import parse_patch
-from hybrid.prediction import STEP, closed_form_case, largest_cycle_s, predict
+from hybrid.prediction import closed_form_case, predict
 from hybrid.together import only
 
 EPS = np.finfo(float).eps
@@ -582,12 +583,82 @@ def test_largest_cycle_with_lead_and_with_lags(shipped, compiled):
     assert ideal - lagged == pytest.approx(2.5e-5 / 7.5, rel=0.01)
 
 
+@pytest.mark.parametrize("time_constant", ["10 us", "1 ms", "100 ms", "20 s"])
+def test_largest_cycle_does_not_depend_on_a_filter_outside_the_loop(
+    time_constant, shipped, compiled
+):
+    text = shipped(
+        "pitch_loop",
+        (
+            "interface:",
+            f"  s: {{lag: {{theta: 1}}, time_constant: {time_constant}, full_scale: 2}}\n\ninterface:",
+        ),
+    )
+    longest = largest_cycle_s(compiled(text), 0.1)  # 14 ms
+    assert theory.exact_uncompensated(OMEGA_P, longest).zeta == pytest.approx(-0.1, rel=1e-10)
+
+
+@pytest.mark.parametrize("time_constant_s", [1e-4, 1e-3])
+def test_largest_cycle_with_a_fast_sensor_in_the_loop(time_constant_s, shipped, compiled):
+    """The sensor's own pole is over between two samples at the T found, far beyond its pi samples."""
+    text = shipped(
+        "pitch_loop",
+        (
+            "interface:",
+            f"  s: {{lag: {{alpha: 1}}, time_constant: {time_constant_s} s, full_scale: 2}}\n"
+            "\ninterface:",
+        ),
+        ("{adc: alpha,", "{adc: s,"),
+    )
+    longest = largest_cycle_s(compiled(text), 0.1)
+    pitch = min(modes(compiled(text, {"cycle": longest})), key=lambda m: abs(m.omega - OMEGA_P))
+    assert pitch.zeta == pytest.approx(-0.1 + pitch.zeta_ideal, rel=1e-9)
+    assert longest > math.pi * time_constant_s
+
+
+@pytest.mark.parametrize("error", [0.02, 0.2])
+def test_largest_cycle_passes_no_other_that_exceeds_the_error(error, shipped, compiled):
+    """Against every hundredth of T from a thousandth on, of all modes that there are samples for."""
+    text = shipped(
+        "pitch_loop",
+        ("interface:", "  s: {lag: {alpha: 1}, time_constant: 3 ms, full_scale: 2}\n\ninterface:"),
+        ("{adc: alpha,", "{adc: s,"),
+    )
+    longest = largest_cycle_s(compiled(text), error)
+    for period_s in longest * np.geomspace(1e-3, 1.0, 100):
+        found = [m for m in modes(compiled(text, {"cycle": period_s})) if m.omega_ideal > 0]
+        seen = [m for m in found if m.omega_ideal * period_s <= math.pi]
+        assert max(abs(m.zeta - m.zeta_ideal) for m in seen) <= error * (1 + 1e-9)
+
+
 def test_largest_cycle_where_the_period_is_a_plain_number(shipped, compiled):
     text = shipped(
         "pitch_loop", ("  period: cycle\n  compute_time: compute_time\n", "  period: 1 ms\n")
     )
     named = largest_cycle_s(compiled(shipped("pitch_loop")), 0.01)
     assert largest_cycle_s(compiled(text), 0.01) == pytest.approx(named, rel=1e-11)
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "told"),
+    [
+        ("compute_time: cycle", "compute_time: 1 ms", ("the compute time stays 0.001 s",)),
+        (
+            "period: cycle",
+            "period: 10 / (1000 * omega_p)",
+            ("change it alone", "compute time stays"),
+        ),
+        ("period: cycle", "period: 1 ms", ("the period is 0.001 s, so", "compute time stays")),
+        ("cycle: 1 ms", "cycle: 2 ms", ()),
+    ],
+)
+def test_a_prediction_tells_what_does_not_follow_the_period(old, new, told, shipped):
+    patch = parse_patch(shipped("pitch_loop", (old, new)))
+    notes = predict(patch, max_damping_error=0.02).notes
+    assert len(notes) == len(told)
+    assert all(part in note for part, note in zip(told, notes, strict=True))
+    of_expression = "omega_p" in new
+    assert len(predict(patch).notes) == of_expression
 
 
 def test_largest_cycle_says_why_there_is_none(shipped, compiled):
@@ -633,6 +704,30 @@ def test_a_mode_that_grows_is_listed_although_nobody_meant_it(shipped, compiled)
     grows = [m for m in modes(compiled(text)) if math.isnan(m.omega_ideal)]
     assert [m.omega for m in grows] == pytest.approx([math.log(1.05) / 1e-3], rel=1e-9)
     assert [m.zeta for m in grows] == [-1.0]
+
+
+RESONATOR = """
+title: A resonator in the program
+machine: ideal
+parameters: {cycle: 10 ms, r: 0.99, turn: 0.2852}
+analog: {y: {sum: {d: 1}, full_scale: 10 V}}
+interface: {d: {dac: x, full_scale: 10 V, initial: 0 V}}
+digital:
+  period: cycle
+  remember: {x: 1}
+  program: {x: "2*r*cos(turn)*previous(x) - r**2*previous(x, 2)"}
+run: {until: 5 s}
+"""
+
+
+@pytest.mark.parametrize(("r", "listed"), [(1.0, 1), (0.99, 1), (0.51, 1), (0.49, 0)])
+def test_a_mode_of_the_program_alone_is_listed_if_it_lasts(r, listed, compiled):
+    # z = r e^(+-i turn): s = (ln r +- i turn) / T; below r = 1/2 it is over within a few cycles.
+    found = modes(compiled(RESONATOR, {"r": r}))
+    s = complex(math.log(r), 0.2852) / 0.01
+    assert [m.omega for m in found] == pytest.approx([abs(s)] * listed, rel=1e-9)
+    assert [m.zeta for m in found] == pytest.approx([-s.real / abs(s)] * listed, abs=1e-9)
+    assert all(math.isnan(m.omega_ideal) for m in found)
 
 
 @pytest.mark.parametrize("inertia", [1e-3, 1.0, 1e5, 1e9])
