@@ -89,7 +89,7 @@ class ConverterRow:
         """What this machine makes of the word length."""
         if self.step is not None:
             return "quantises and clips"
-        return "exact" if self.bits is None else "exact, bits ignored"
+        return "not rounded" if self.bits is None else "bits ignored"
 
 
 @dataclass(frozen=True, slots=True)

@@ -59,6 +59,12 @@ _RATE = PURE / TIME
 def check_name(name: str, place: Place, what: str) -> None:
     """Names are single words of ASCII letters, digits and underscores, and not functions."""
     article = "an" if what[0] in "aeiouAEIOU" else "a"
+    if not _NAME.match(name) and name.count(")") > name.count("("):
+        raise PatchError(
+            f"{quoted(name)} cannot name {article} {what}; where it belongs to the text before it, put "
+            "quotes around all of that: in braces a comma begins the next entry",
+            place,
+        )
     if not _NAME.match(name):
         raise PatchError(
             f"{quoted(name)} cannot name {article} {what}; use letters, digits and underscores, at most "

@@ -14,7 +14,7 @@ from dataclasses import dataclass, field, replace
 
 from hybrid.daveml import Model
 from hybrid.errors import NOWHERE, PatchError, Place, did_you_mean, quoted
-from hybrid.expressions import ExpressionError, Node, Number, evaluate, names
+from hybrid.expressions import ExpressionError, Name, Node, Number, evaluate, names
 from hybrid.graph import dependency_order, find_loop
 from hybrid.language import DEFAULT_ROWS
 from hybrid.modes import RESERVED_SIGNALS
@@ -49,7 +49,10 @@ class Value:
         return value
 
     def _told(self, value: float) -> str:
-        return f"{self.what} is {value:g} {self.unit}".rstrip()
+        # By the parameter alone that it is: what the command line sets may stand in another line.
+        of_task = isinstance(self.expr, Name) and "." in self.expr.id
+        named = f"{self.expr.id} = " if isinstance(self.expr, Name) and not of_task else ""
+        return f"{self.what} is {named}{value:g} {self.unit}".rstrip()
 
 
 @dataclass(frozen=True, slots=True)

@@ -140,6 +140,13 @@ UNITS = [
         "{rate: 1 s}",
         ("of 'rate'", "rad/s into rad per second", "pure"),
     ),
+    Wrong(
+        "comma in braces",
+        "  program:\n" + DEMAND,
+        "  program: {demand: -omega**2 * max(angle_word, 2)}\n",
+        ("'2)'", "quotes around all of that"),
+        at="max(",
+    ),
     Wrong("word", "-omega**2 *", "-omega *", ("'demand'", "a rate", "in rad/s^2"), "  torque:"),
     Wrong("word, sum", "-omega**2 *", "-omega**2 + cycle *", ("'demand'", "1/s^2"), "demand:"),
     Wrong("unit", "full_scale: 1 V}", "full_scale: 1 V, unit: rad}", ("'rad'", "full_scale")),
@@ -284,7 +291,7 @@ VALUES = [
 ]  # fmt: skip
 
 TIMES = [
-    Wrong("T = 0", "cycle: 1 ms", "cycle: 0 s", ("period", "is 0", "greater"), "period:"),
+    Wrong("T = 0", "cycle: 1 ms", "cycle: 0 s", ("period", "= 0 s", "greater"), "period:"),
     Wrong("T negative", "cycle: 1 ms", "cycle: -1 ms", ("-0.001", "greater"), "period:"),
     Wrong("T nan", "cycle: 1 ms", "cycle: .nan s", ("finite number",)),
     Wrong("T infinite", "cycle: 1 ms", "cycle: inf", ("'inf'", "finite number")),

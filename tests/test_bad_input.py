@@ -181,7 +181,10 @@ OPTIONS: dict[str, tuple[str, ...]] = {
     "set, other digits": ("check --set cycle=１", "'１': digits are 0 to 9", "1 ms"),
     "set, rad/s in Hz": ("check --set omega=2_Hz", "loop.yaml:4: omega cannot be", "2*pi rad/s"),
     "set, zero period": ("check --set cycle=0", "loop.yaml:16: ", "greater than 0"),
-    "set, negative period": ("check --set cycle=-1_ms", "is -0.001 s; it must be greater than 0"),
+    "set, negative period": (
+        "check --set cycle=-1_ms",
+        "period of digital is cycle = -0.001 s; it must be greater than 0",
+    ),
     "set, comma": ("check --set cycle=1,5_ms", "not a comma: 1.5"),
     "set, two slashes": ("check --set omega=10_rad//s", "cannot read the unit 'rad//s'"),
     "set, tiny period": ("check --set cycle=1e-30", "loop.yaml:16: ", "femtosecond"),
