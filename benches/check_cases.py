@@ -26,7 +26,7 @@ from typing import Any
 
 import numpy as np
 from bench import Options, Row, Table, finish, parse_options
-from flights import speeds
+from flights import shots, speeds
 from flights.cases import CASES, Case
 from flights.causes import IDEAL, causes_of, without_noise
 from flights.figures import LARGEST, Published, Shown, apart, published_as_shown
@@ -153,12 +153,14 @@ def told(figures: Mapping[str, float], of: Mapping[str, float]) -> str:
     return ", ".join(f"{name} {value:.2g} (of {of[name]:g})" for name, value in figures.items())
 
 
-def tables_of(rows: Sequence[Row], causes: Sequence[Row], races: Sequence[Row]) -> list[Table]:
+def tables_of(
+    rows: Sequence[Row], tables: Sequence[Row], causes: Sequence[Row], races: Sequence[Row]
+) -> list[Table]:
     """Everything for people; `causes` in JSON has every one, what is printed the largest."""
     lines = [{**row, "figures": told(row["errors"], row["tolerances"])} for row in rows]
     line = {"case": ("case", ""), "machine": ("machine", "")}
     shape = {**line, "largest errors": ("figures", ""), "": ("pass", "")}
-    found = [Table("cases", "NASA's check cases", shape, lines)]
+    found = [Table("cases", "NASA's check cases", shape, lines), table_of_shots(tables)]
     if causes:
         spreads = {case.name: spread(case) for case in CASES}
         shape = {
@@ -192,6 +194,24 @@ def tables_of(rows: Sequence[Row], causes: Sequence[Row], races: Sequence[Row]) 
     return found
 
 
+def table_of_shots(rows: Sequence[Row]) -> Table:
+    """The shots of the F-16's models."""
+    shape = {
+        "model": ("model", ""),
+        "shots": ("shots", "d"),
+        "values": ("values", "d"),
+        "within tolerance": ("within", "d"),
+        "within a float32": ("within_float32", "d"),
+        "largest error": ("largest_error", ".2g"),
+        "of": ("output", ""),
+        "published": ("published", ".10g"),
+        "tolerance": ("tolerance", "g"),
+        "": ("pass", ""),
+    }
+    notes = "Tolerances are as published, and half of the last digit printed besides."
+    return Table("table_shots", "Table shots of the F-16's models", shape, rows, notes)
+
+
 YES = {True: "yes", False: "no", None: ""}
 
 
@@ -206,8 +226,11 @@ def main() -> int:
     flown = [judge(case, machine, options) for case in CASES for machine in case.flights]
     rows, causes = [row for row, _ in flown], [cause for _, found in flown for cause in found]
     races = speeds.measure(options.quick)
-    passed = all(row["pass"] for row in rows)
+    tables = shots.judged(REFERENCE)
+    passed = all(row["pass"] for row in (*rows, *tables))
     verdict = f"{sum(row['pass'] for row in rows)} of {len(rows)} within what is allowed"
+    verdict += f"; {sum(row['values'] for row in tables)} values of table shots"
+    verdict += "" if all(row["pass"] for row in tables) else ", not all within tolerance"
     if not options.quick:
         wanted = [
             row[key]
@@ -218,7 +241,8 @@ def main() -> int:
         verdict += f"; {sum(wanted)} of {len(wanted)} as fast as is wanted"
         passed = passed and all(wanted)
     facts = {"reference": str(REFERENCE), **({"causes": causes} if causes else {})}
-    return finish(__file__, options, tables_of(rows, causes, races), passed, verdict, **facts)
+    lines = tables_of(rows, tables, causes, races)
+    return finish(__file__, options, lines, passed, verdict, **facts)
 
 
 if __name__ == "__main__":

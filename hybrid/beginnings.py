@@ -12,8 +12,7 @@ from collections.abc import Set
 
 from hybrid.clockwork import Happening
 from hybrid.machine import Floats, Machine
-from hybrid.stretches import Stretches
-from hybrid.timeline import Timeline
+from hybrid.timeline import Timeline, stretches_of
 
 
 def initial_words(machine: Machine) -> Floats:
@@ -52,7 +51,7 @@ def _first_of_each(
     found: dict[tuple[Happening, int], float] = {}
     pieces = ((segment.start, segment.events) for segment in timeline.segments)
     if timeline.later:  # laid out once more: that of the run goes on by itself
-        pieces = ((start, tuple(events)) for start, _, _, events in Stretches(machine, seed))
+        pieces = ((at, tuple(events)) for at, _, _, events in stretches_of(machine, seed))
     for start, events in pieces:
         for offset, kind, index in events:
             if (kind, index) in wanted:

@@ -31,6 +31,7 @@ from hybrid.scale import time_scale_text, to_seconds, to_ticks
 from hybrid.shots import ShotRow, check_shots
 from hybrid.timeline import build_timeline
 from hybrid.trial import Trial, Use, try_out, uses
+from hybrid.wordlength import Kind
 from hybrid.workload import TaskRow, task_rows, to_dicts
 from hybrid.workload import warnings as workload_warnings
 
@@ -267,7 +268,18 @@ def _warnings(machine: Machine) -> tuple[str, ...]:
                 what = f"{edge.what} is {edge.number(scope):g} s, after the end of the run"
                 warn(edge, f"{what} at {until_s:g} s: {told}")
                 break
-    return tuple(found)
+    return (*found, *_unscaled(machine))
+
+
+def _unscaled(machine: Machine) -> list[str]:
+    """Fixed-point word lengths without a full scale, which few words fit into."""
+    program = machine.patch.program
+    given = [program.word, *program.lengths.values()] if program else []
+    found = dict.fromkeys(w for w in given if w.kind is Kind.FIXED and w.full_scale is None)
+    return [
+        f"{w.place}: fixed: {w.bits} has no full_scale, so it is 1 in SI units; give one"
+        for w in found
+    ]
 
 
 def _scaling(

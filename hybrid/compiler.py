@@ -7,7 +7,7 @@ converters and the timing.
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 
 from hybrid.circuits import Elements, build_circuit, is_linear
 from hybrid.errors import PatchError, RunError, did_you_mean, quoted
@@ -25,11 +25,12 @@ from hybrid.machine import (
 from hybrid.machines import PRESETS, Preset
 from hybrid.memo import KeptByUse
 from hybrid.modes import HOLD, IC, OP, TIMED_MODE
-from hybrid.patch import Adc, Component, Dac, Patch, Value
+from hybrid.patch import Adc, Component, Dac, Patch, Program, Value
 from hybrid.scale import TICKS_PER_SECOND, to_seconds
 from hybrid.streams import unit_error
 from hybrid.tape import Tape, build_tape
 from hybrid.tasks import counted_ticks, task_of_adc, task_of_dac, task_timings, ticks_of
+from hybrid.valueless import refuse_valueless
 
 # A run of more cycles than this would take hours; it is refused before anything is computed.
 MOST_CYCLES = 10**11
@@ -124,7 +125,17 @@ def _draw_stages(
 
 # Most parameters of a sweep change neither; T changes the program only where it is written in it.
 _stages = KeptByUse(_draw_stages)
-_tape = KeptByUse(lambda scope, patch, adcs, steps: build_tape(patch.program, adcs, scope, steps))
+_tape = KeptByUse(lambda scope, patch, adcs, steps: _built(patch.program, adcs, scope, steps))
+
+
+def _built(
+    program: Program | None,
+    adcs: tuple[str, ...],
+    scope: Mapping[str, float],
+    steps: Sequence[float],
+) -> Tape:
+    refuse_valueless(program, scope)
+    return build_tape(program, adcs, scope, steps)
 
 
 def _steps_s(patch: Patch, scope: Mapping[str, float]) -> tuple[float, ...]:

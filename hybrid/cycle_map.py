@@ -28,6 +28,7 @@ from hybrid.errors import HybridError, PatchError
 from hybrid.linearity import LinearProgram, NotLinear, linear_program
 from hybrid.machine import Floats, Machine
 from hybrid.scale import to_seconds
+from hybrid.stretches import never_repeats
 from hybrid.tape import MEMORY, WORDS, Memory
 from hybrid.timeline import Timeline, build_timeline
 from hybrid.together import attempt, in_stacks, passed_on
@@ -35,6 +36,7 @@ from hybrid.together import attempt, in_stacks, passed_on
 # In how many stretches tasks must have settled; the layout of their events ends long before.
 MOST_STRETCHES = 10**6
 AT_ONCE = -1  # no interval passes before an event
+NEVER_TOGETHER = "the periods of the tasks have no short common multiple, so there is no exact map"
 
 
 class CycleMap(NamedTuple):
@@ -79,10 +81,11 @@ def _repeating(machine: Machine) -> Timeline:
     except PatchError as error:
         if not machine.timing.tasks:
             raise
-        what = "the periods of the tasks have no short common multiple, so there is no exact map"
-        raise NotLinear(what, machine.timing.tasks[0].place) from error
-    if timeline.later:
+        raise NotLinear(NEVER_TOGETHER, machine.timing.tasks[0].place) from error
+    if timeline.later and never_repeats(machine):
         raise NotLinear("the clock of a task jitters, so there is no exact map")
+    if timeline.later:
+        raise NotLinear(NEVER_TOGETHER, machine.timing.tasks[0].place)
     if len(timeline.segments) < 2:
         raise NotLinear("the tasks do not come back to where they were, so there is no exact map")
     return timeline
@@ -132,18 +135,27 @@ class _Loop:
         """Figures that are followed, part by part, see `_Tracker`."""
         analog, tape = self.machine.analog, self.machine.tape
         adcs = len(self.machine.samplers)
-        begun = [index for _, kind, index in self.events if kind == Happening.START]
         words = np.diff(tape.starts[:, WORDS]).tolist()
-        queues = [
-            (on_their_way + begun.count(i)) * words[i]
-            for i, on_their_way in enumerate(self.in_flight)
-        ]
+        most = _most_in_flight(self.events, self.in_flight)
+        queues = [count * each for count, each in zip(most, words, strict=True)]
         fixed = (len(analog.states), len(analog.inputs), adcs, adcs, len(self.program.keep))
         return (*fixed, len(tape.words), *queues)
 
     def size(self) -> int:
         """Numbers that are followed."""
         return sum(self.sizes) ** 2
+
+
+def _most_in_flight(events: Sequence[tuple[int, int, int]], in_flight: Sequence[int]) -> list[int]:
+    """How many results of each program are on their way at a time, at most."""
+    now, most = list(in_flight), list(in_flight)
+    for _, kind, index in events:
+        if kind == Happening.START:
+            now[index] += 1
+            most[index] = max(most[index], now[index])
+        elif kind == Happening.END:
+            now[index] -= 1
+    return most
 
 
 def _kind(loop: _Loop) -> Hashable:

@@ -12,7 +12,7 @@ import functools
 import math
 import re
 from collections import Counter
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Container, Iterable, Mapping
 from dataclasses import dataclass
 from typing import TypeVar
 
@@ -132,14 +132,17 @@ def _words(names_of: Mapping[str, str]) -> dict[str, str]:
     return words
 
 
-def needed(model: Model, wanted: str) -> list[str]:
-    """Ids of a variable and of all that it is computed from."""
-    found, left = dict[str, None](), [wanted]
-    while left:
-        id_ = left.pop()
-        if id_ not in found:
-            found[id_] = None
-            left += _needs(model.variables[id_], model)
+def needed(model: Model, wanted: Iterable[str], known: Container[str] = ()) -> list[str]:
+    """Ids of variables and of all that they are computed from, each once; without those that are known
+    and what these are computed from."""
+    found = dict[str, None]()
+    for one in wanted:
+        left = [one]
+        while left:
+            id_ = left.pop()
+            if id_ not in found and id_ not in known:
+                found[id_] = None
+                left += _needs(model.variables[id_], model)
     return list(found)
 
 

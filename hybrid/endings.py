@@ -18,11 +18,14 @@ from hybrid.machine import Machine
 from hybrid.roundoff import word_lengths
 from hybrid.scale import to_seconds
 from hybrid.tables import STOPS
+from hybrid.valueless import calls_any
 from hybrid.wordlength import LARGEST_SINGLE, Kind
 from hybrid.workload import load_text, task_rows
 
 # Functions asked beyond their range that the note of a run tells of.
 MOST_OUTSIDE = 3
+# Functions that have no value for some arguments, which is told where a word calls them.
+MOD, LIMITS = frozenset({"mod"}), frozenset({"limit", "dead_zone"})
 
 
 def ending(player: Player) -> tuple[str, str]:
@@ -64,8 +67,7 @@ def ending(player: Player) -> tuple[str, str]:
         told = ", ".join(dict.fromkeys(map(known_as, words)))
         return "stopped", (
             f"stopped at {player.done_s:.6g} s: {_cycle_text(player)} the program computed no finite "
-            f"number for {told} (a number beyond {_largest_text(player.machine, words)}, a division by "
-            "zero, or a root or logarithm of a negative number)"
+            f"number for {told} ({_causes_text(player.machine, words)})"
         )
     machine = player.machine
     tasks = machine.timing.tasks  # one program alone leaves out nothing
@@ -89,6 +91,18 @@ def _late_readouts(machine: Machine) -> str:
     late = [f"{name} {end_s:.6g} s" for name, end_s in ends if end_s > until_s * (1 + 1e-12)]
     told = ", ".join(late)
     return f"readouts see the run's {until_s:.6g} s only, not all until {told}" if late else ""
+
+
+def _causes_text(machine: Machine, words: Sequence[str]) -> str:
+    """What may leave words without a finite number."""
+    program = machine.patch.program
+    written = [e for e in program.written if e.word in words] if program else []
+    trees = [tree for entry in written for tree in entry.reads]
+    divides = "a division or mod" if any(calls_any(t, MOD) for t in trees) else "a division"
+    causes = [f"a number beyond {_largest_text(machine, words)}", f"{divides} by zero"]
+    if any(calls_any(tree, LIMITS) for tree in trees):
+        causes.append("limits of which the low one is above the high one")
+    return f"{', '.join(causes)}, or a root or logarithm of a negative number"
 
 
 def _largest_text(machine: Machine, words: Sequence[str]) -> str:

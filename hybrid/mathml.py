@@ -7,6 +7,7 @@ logic and choices, and the csymbol atan2.
 from __future__ import annotations
 
 import functools
+import itertools
 import math
 from collections.abc import Callable
 
@@ -30,6 +31,8 @@ _INVERSE = {"sec": "cos", "csc": "sin", "cot": "tan"}
 _CONSTANTS = {"pi": math.pi, "exponentiale": math.e, "true": 1.0, "false": 0.0}
 _OTHERS = ("minus", "divide", "power", "root", "log", "not", "min", "max", "piecewise", "csymbol")
 _KNOWN = (*_CHAINS, *_COMPARISONS, *_FUNCTIONS, *_INVERSE, *_OTHERS)
+
+_NUMBERS = ("real", "integer", "double", "e-notation")
 
 Named = Callable[[str, Element], str]
 
@@ -57,19 +60,28 @@ def _read(element: Element, named: Named) -> Node:
 
 
 def _number(element: Element) -> float:
-    kind = element.attributes.get("type", "real")
-    text = element.text.strip()
-    if (
-        kind == "e-notation"
-    ):  # <cn type="e-notation">1.5<sep/>3</cn>, whose parts the text runs together
-        raise PatchError("a <cn> of type e-notation is not read; write 1.5e3", element.place)
+    kind, text = element.attributes.get("type", "real"), element.text.strip()
+    if kind == "e-notation":  # <cn type="e-notation">1.5<sep/>3</cn>
+        parts = [part.strip() for part in element.parts]
+        if [child.tag for child in element.children] != ["sep"] or not _is_whole(parts[1]):
+            raise PatchError(
+                "<cn> of type e-notation needs a number, <sep/> and a whole exponent, such as "
+                "1.5<sep/>3",
+                element.place,
+            )
+        text = "e".join(parts)
     try:
         value = float(text)
     except ValueError:
         value = math.nan
-    if not math.isfinite(value) or kind not in ("real", "integer", "double") or "_" in text:
+    if not math.isfinite(value) or kind not in _NUMBERS or "_" in text:
         raise PatchError(f"<cn> holds {quoted(text)}; it must be a number", element.place)
     return value
+
+
+def _is_whole(text: str) -> bool:
+    """Whether a text is a whole number."""
+    return text.removeprefix("-").removeprefix("+").isdecimal() and text.isascii()
 
 
 def _piecewise(element: Element, named: Named) -> Node:
@@ -112,8 +124,9 @@ def _apply(element: Element, named: Named) -> Node:
         count(1)
         return functools.reduce(lambda a, b: Binary(_CHAINS[tag], a, b), values)
     if tag in _COMPARISONS:
-        count(2, 2)
-        return Binary(_COMPARISONS[tag], values[0], values[1])
+        count(2, 2 if tag == "neq" else None)  # of more, each is compared with the next
+        pairs = (Binary(_COMPARISONS[tag], a, b) for a, b in itertools.pairwise(values))
+        return functools.reduce(lambda a, b: Binary("and", a, b), pairs)
     if tag in ("min", "max"):
         count(1)
         return functools.reduce(lambda a, b: Call(tag, (a, b)), values)

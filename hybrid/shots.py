@@ -193,7 +193,7 @@ def _variable(model: Model, signal: Element, are_inputs: bool) -> tuple[Variable
 
 def _inputs_of(model: Model, wanted: Sequence[str]) -> list[Variable]:
     """All inputs that these variables are computed from."""
-    ids = dict.fromkeys(id_ for one in wanted for id_ in needed(model, one))
+    ids = needed(model, wanted)
     return [model.variables[id_] for id_ in ids if model.variables[id_].expr is None]
 
 
@@ -237,7 +237,7 @@ def _rows(model: Model, shot: _Shot, found: dict[str, float]) -> list[ShotRow]:
 def _played(model: Model, shots: Sequence[_Shot], wanted: Sequence[str]) -> Floats:
     """The wanted variables in each shot, (shots, wanted); fewer rows where a run ends early."""
     words = [Assignment(CLOCK, _counted())]
-    for id_ in dict.fromkeys(n for one in wanted for n in needed(model, one)):
+    for id_ in needed(model, wanted):
         variable = model.variables[id_]
         expr = variable.expr or _listed(model, shots, variable)
         words.append(Assignment(model.inside(id_), expr, variable.place, hidden=True))

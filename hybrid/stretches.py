@@ -1,7 +1,9 @@
 """A timeline that never repeats, laid out stretch by stretch as the run comes to it.
 
-Stage 3, for tasks whose clocks are late by chance, and for those that comparators start: memory holds
-one stretch, however long the run is. The lateness of every task is drawn from a random stream of its own
+Stage 3, for tasks whose clocks are late by chance or come together too seldom, and for those that
+comparators start: memory holds one stretch, however long the run is. Where no comparator does, a stretch
+ends at an event, so that no interval between events is parted: the run has the same bits however it is
+laid out. The lateness of every task is drawn from a random stream of its own
 by the run's seed, and does not depend on anything that is played.
 
 A comparator is located while the run plays. Then the processor goes back to where it was at the start of
@@ -64,8 +66,8 @@ def lateness(machine: Machine, seed: int) -> tuple[Lateness, ...]:
 class Stretches:
     """The events from t = 0 on, one stretch after the other; `notes` of them so far."""
 
-    def __init__(self, machine: Machine, seed: int) -> None:
-        """Nothing is laid out yet."""
+    def __init__(self, machine: Machine, seed: int, most_clocks: int = CLOCKS) -> None:
+        """Nothing is laid out yet. most_clocks: ticks of the fastest clock in a stretch, if fewer."""
         self.machine = machine
         self.stopped: Note | None = None
         self.behind = False  # whether it stopped because a task had too many cycles waiting
@@ -73,7 +75,8 @@ class Stretches:
         self._called = is_called(machine)
         self._before = self._processor  # as it was at the start of the stretch
         self._clock = machine.timing.period or machine.timing.every
-        self._length = self._clock * (FEWEST_CLOCKS if self._called else CLOCKS)
+        self._most = self._clock * max(min(most_clocks, CLOCKS), 1)
+        self._length = min(self._clock * FEWEST_CLOCKS, self._most) if self._called else self._most
         self._go_on: tuple[int, int] | None = None  # where a comparator wants the next stretch
         self._done: dict[Note, int] = {}  # of stretches that have been played
         self._notes: list[Note] = []  # of the last one
@@ -89,23 +92,26 @@ class Stretches:
             if self._go_on:
                 (start, first), self._go_on = self._go_on, None
                 length = (start - called) * LONGER[0] // LONGER[1]
-                self._length = min(max(length, self._clock), CLOCKS * self._clock)
+                self._length = min(max(length, self._clock), self._most)
                 called = start
             elif self.stopped or end == until:
                 return
             else:
                 start = first = end
-                self._length = min(2 * self._length, CLOCKS * self._clock)
+                self._length = min(2 * self._length, self._most)
 
     def _laid_out(self, start: int, first: int, end: int) -> tuple[int, list[Event]]:
         """The events of a stretch, and its end, which is earlier where the run stops."""
         timing, processor = self.machine.timing, self._processor
         last = end == timing.until
         self._done = fold(self._done, self._notes)
-        processor.log.clear()
-        processor.notes.clear()
         if self._called:
+            processor.log.clear()
+            processor.notes.clear()
             self._before = processor.copy()
+        else:  # what it has done after the end of the last one is still to be played
+            processor.log[:] = [event for event in processor.log if event[0] >= start]
+            processor.notes[:] = [note for note in processor.notes if note.tick >= start]
         try:
             processor.run(end + last)
         except FallsBehind as error:
@@ -114,12 +120,21 @@ class Stretches:
         self.stopped = processor.stopped
         if self.stopped:
             end, last = self.stopped.tick, True
-        self._notes = [note for note in processor.notes if note.tick <= end]
+        if not (last or self._called):
+            end = self._last_event(start, end)
+        self._notes = [note for note in processor.notes if note.tick < end + last]
         first_row = -(-first // timing.every)
         rows = range(first_row * timing.every, end + last, timing.every)
         events = [e for e in processor.log if e[0] < end + last]
         events += [(tick, int(Happening.RECORD), 0) for tick in rows]
         return end, [(t - start, kind, i) for t, kind, i in in_order(events)]
+
+    def _last_event(self, start: int, end: int) -> int:
+        """The last instant of an event between start and end; the end where there is none."""
+        every = self.machine.timing.every
+        row = (end - 1) // every * every
+        ticks = [row, *(tick for tick, _, _ in self._processor.log)]
+        return max((tick for tick in ticks if start < tick < end), default=end)
 
     def call(self, task: int, done: int, at: int) -> None:
         """A comparator starts a task at the tick `at`; up to the instant `done` all has been played."""

@@ -203,6 +203,7 @@ class _Builder:
         self.scope = scope
         self.remember = program.remember if program else {}
         self.words = program.words if program else ()
+        self.number = {word: i for i, word in enumerate(self.words)}
         self.values: list[float] = []
         self.place: dict[str, int] = {}
         self.fixed: set[str] = set()  # names that keep their register
@@ -211,7 +212,7 @@ class _Builder:
         self.memory: list[tuple[int, int, int, int]] = []
         self.code: list[tuple[int, int, int, int]] = []
         self.owner: list[int] = []
-        self.sites: list[Site] = []
+        self.sites: dict[Site, int] = {}
         self.word = ""  # which is being compiled
         usual = program.word.bound(scope) if program else FLOAT64
         self.length = dict.fromkeys(self.words, usual)
@@ -304,9 +305,7 @@ class _Builder:
 
     def site(self, site: Site) -> int:
         """Number of the place; the stages of a formula that compute a word again ask at the same one."""
-        if site not in self.sites:
-            self.sites.append(site)
-        return self.sites.index(site)
+        return self.sites.setdefault(site, len(self.sites))
 
     def emit_wide(self, op: Op, held: list[int], site: int) -> int:
         """An operation whose arguments are first copied side by side."""
@@ -388,7 +387,7 @@ class _Builder:
             self.rounding = FLOAT64
             self.emit(Op.SKIP, self.compute(part.condition))
             skip = len(self.code) - 1
-        self.owner += [self.words.index(part.word)] * (len(self.code) - before)
+        self.owner += [self.number[part.word]] * (len(self.code) - before)
         if isinstance(part, Statement):
             self.assign(part)
             return
@@ -410,7 +409,7 @@ class _Builder:
             self.append(Op.COPY, self.place[part.name], result)
         else:
             self.place[part.name] = result
-        self.owner += [self.words.index(part.word)] * (len(self.code) - before)
+        self.owner += [self.number[part.word]] * (len(self.code) - before)
 
     def play(self, parts: Iterable[Statement | Branch], places: Mapping[str, Place]) -> None:
         """Append one program, and what it hands over to its next cycle."""

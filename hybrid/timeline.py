@@ -23,7 +23,7 @@ from hybrid.modes import TIMED_MODE
 from hybrid.processor import Note
 from hybrid.rota import Rota, TaskReport, overrun_text, reports, rota_until, settled
 from hybrid.scale import to_seconds
-from hybrid.stretches import Stretches, never_repeats
+from hybrid.stretches import CLOCKS, Stretches, never_repeats
 
 # Periods without a usable common multiple are laid out event by event, up to this many events.
 MOST_FLAT_EVENTS = 300_000
@@ -98,14 +98,37 @@ class Timeline:
 def build_timeline(machine: Machine, seed: int = 0) -> Timeline:
     """Lay out the events of the machine's whole run; `seed` draws how late clocks are.
 
-    Raises PatchError where the periods have no common multiple and the run is too long to be laid
-    out event by event.
+    Tasks whose clocks do not come together soon enough are laid out as those that never do: stretch by
+    stretch, with the same events. Raises PatchError where the period of a program without tasks and what
+    else has a period have no common multiple and the run is too long to be laid out event by event.
     """
     if never_repeats(machine):
-        until, timing = machine.timing.until, machine.timing
-        cycles, rows = until // timing.period if timing.period else 0, until // timing.every + 1
-        return Timeline((), until, cycles, rows, later=Stretches(machine, seed))
-    return _kept.of([_clocks(machine)], lambda _: [_laid_out(machine)])[0]
+        return _piecemeal(machine, seed)
+    try:
+        return _kept.of([_clocks(machine)], lambda _: [_laid_out(machine)])[0]
+    except _TooMuch:
+        if not machine.timing.tasks:
+            raise
+        return _piecemeal(machine, seed)
+
+
+def _piecemeal(machine: Machine, seed: int) -> Timeline:
+    """A timeline that is laid out as the run comes to it."""
+    timing = machine.timing
+    until, cycles = timing.until, timing.until // timing.period if timing.period else 0
+    return Timeline((), until, cycles, until // timing.every + 1, later=stretches_of(machine, seed))
+
+
+def stretches_of(machine: Machine, seed: int) -> Stretches:
+    """The stretches of a run from its beginning, none of more events than half the intervals that the
+    engine keeps."""
+    clock = machine.timing.period or machine.timing.every
+    events = max(_clock_events(machine, CLOCKS * clock) + len(machine.steps), 1)
+    return Stretches(machine, seed, CLOCKS * most_intervals(machine) // (2 * events))
+
+
+class _TooMuch(PatchError):
+    """The clocks come together too seldom for the run to be laid out before it is played."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -270,14 +293,14 @@ def _refuse_wave(machine: Machine, index: int, length: int) -> NoReturn:
     name, period = machine.steps[index].name, machine.steps[index].every_ticks
     if name == TIMED_MODE:
         assert machine.patch.modes is not None
-        raise PatchError(
+        raise _TooMuch(
             f"the run has {length / period:.3g} operations of {to_seconds(period):.12g} s, which have "
             "no short common multiple with the period and the record interval (at most "
             f"{MOST_FLAT_EVENTS}); make every: a fraction of an operation",
             machine.patch.modes.place,
         )
     place = next(c.place for c in machine.patch.components if c.name == name)
-    raise PatchError(
+    raise _TooMuch(
         f"component {name!r} has a period of {to_seconds(period):.12g} s, {length / period:.3g} of them "
         f"in {to_seconds(length):.6g} s that must be laid out edge by edge (at most "
         f"{MOST_FLAT_EVENTS}); make it, the record interval and the digital period small multiples of "
@@ -317,7 +340,7 @@ def _refuse_too_many(machine: Machine, until: int, edges: Edges) -> None:
     if count > MOST_FLAT_EVENTS:
         periods = [task.period for task in timing.tasks] or [timing.period]
         told = ", ".join(f"{to_seconds(period):.12g} s" for period in sorted(periods))
-        raise PatchError(
+        raise _TooMuch(
             f"{_never_together(machine, told)}, so {count:.3g} events would have to be laid out one by "
             f"one (at most {MOST_FLAT_EVENTS}); make one a small multiple of the other",
             machine.patch.run.until.place,
@@ -355,7 +378,7 @@ def _refuse_many_intervals(machine: Machine, segments: list[Segment]) -> None:
         for before, after in itertools.pairwise(((0, 0, 0), *segment.events))
     }
     if len(intervals) > most:
-        raise PatchError(
+        raise _TooMuch(
             f"the run has {len(intervals)} different intervals between events (at most {most}); "
             "make the record interval and the period small multiples of each other",
             machine.patch.run.until.place,

@@ -29,7 +29,12 @@ class Element:
     attributes: dict[str, str]
     place: Place
     children: list[Element] = field(default_factory=list)
-    text: str = ""
+    parts: list[str] = field(default_factory=lambda: [""])  # texts before, between and after them
+
+    @property
+    def text(self) -> str:
+        """All of its own text, run together."""
+        return "".join(self.parts)
 
     def all(self, tag: str) -> Iterator[Element]:
         """The children of that tag."""
@@ -68,7 +73,7 @@ class _Builder:
         self.source = source
         self.root: Element | None = None
         self.open: list[Element] = []
-        self.pieces: list[list[str]] = []
+        self.pieces: list[str] = []
         self.count = 0
         self.parser = parser = expat.ParserCreate("UTF-8")
         parser.buffer_text = True
@@ -92,17 +97,24 @@ class _Builder:
         self.refuse_references_in_tag()
         element = Element(tag.rpartition(":")[2], attributes, self.place)
         if self.open:
+            self.part_ends()
             self.open[-1].children.append(element)
+            self.open[-1].parts.append("")
         else:
             self.root = element
         self.open.append(element)
-        self.pieces.append([])
 
     def end(self, _tag: str) -> None:
-        self.open.pop().text = "".join(self.pieces.pop())
+        self.part_ends()
+        self.open.pop()
 
     def data(self, text: str) -> None:
-        self.pieces[-1].append(text)
+        self.pieces.append(text)
+
+    def part_ends(self) -> None:
+        """What has been read of the text belongs to the innermost element."""
+        self.open[-1].parts[-1] = "".join(self.pieces)
+        self.pieces.clear()
 
     def refuse_entity(self, name: str, *_: object) -> None:
         raise PatchError(

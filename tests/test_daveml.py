@@ -7,15 +7,19 @@ import math
 import numpy as np
 import pytest
 
+from hybrid import daveml
 from hybrid.cli import main
 from hybrid.compiler import compile_patch
 from hybrid.daveml import read_model
 from hybrid.errors import PatchError
+from hybrid.expressions import evaluate
+from hybrid.mathml import read_math
 from hybrid.patchfile import parse_patch, read_patch
 from hybrid.runs import run
 from hybrid.s119 import unit_text
 from hybrid.tape import Op
 from hybrid.units import unit_of
+from hybrid.xmltree import read_xml
 
 EPS = np.finfo(float).eps
 UNITS = {"trueAirspeed": "ft/s", "powerLeverAngle": "percent", "altitudeMSL": "ft", "mach": ""}
@@ -312,7 +316,10 @@ DEEP = "<DAVEfunc>" + "<a>" * 200 + "</a>" * 200 + "</DAVEfunc>"
         ("<ci>alpha</ci>", "<ci>alfa</ci>", 12, "'alfa'; did you mean 'alpha'"),
         ("<ci>alpha</ci>", "<ci>f</ci><ci>twist</ci>", 10, "each other: twist -> twist"),
         ("<cn>0.5</cn>", "<cn>half</cn>", 12, "<cn> holds 'half'; it must be a number"),
-        ("<cn>0.5</cn>", '<cn type="e-notation">5<sep/>-1</cn>', 12, "type e-notation is not read"),
+        ("<cn>0.5</cn>", '<cn type="e-notation">5<sep/>0.5</cn>', 12, "a whole exponent, such as"),
+        ("<cn>0.5</cn>", '<cn type="e-notation">5</cn>', 12, "needs a number, <sep/> and"),
+        ("<cn>0.5</cn>", '<cn type="e-notation">5e1<sep/>2</cn>', 12, "<cn> holds '5e1e2'"),
+        ("<apply><times/><cn>0.5</cn>", "<apply><lt/>", 12, "<lt/> has 1 operand; it needs 2 or more"),
         ("<apply><times/><cn>0.5</cn>", "<apply><tims/><cn>0.5</cn>", 12, "read; did you mean 'times'"),
         ("<apply><times/><cn>0.5</cn>", "<apply><tims/>", 12, "<tims/> is no operation"),
         ("<apply><times/><cn>0.5</cn>", "<apply><divide/>", 12, "<divide/> has 1 operand; it needs 2"),
@@ -519,3 +526,47 @@ def test_names_that_are_no_words_or_come_twice_are_read_by_their_id():
     model = read_model(swapped.replace('varID="cl"', 'varID="speed"'), "wing.dml", "w")
     assert model.find("speed").id == "v" and len(set(model.words.values())) == len(model.words)
     assert model.words["v"] == "speed"
+
+
+def test_numbers_in_e_notation():
+    """MathML 2, 4.4.1.1: the mantissa, <sep/>, the power of ten."""
+    for text, value in (("5<sep/>-1", 0.5), (" 1.25 <sep/> +3 ", 1250.0), ("-7<sep/>0", -7.0)):
+        root = read_xml(f'<math><cn type="e-notation">{text}</cn></math>', "")
+        assert evaluate(read_math(root, lambda name, _: name), {}) == value
+
+
+@pytest.mark.parametrize(
+    ("tag", "rising", "level", "falling"),
+    [("lt", 1, 0, 0), ("leq", 1, 1, 0), ("gt", 0, 0, 1), ("geq", 0, 1, 1), ("eq", 0, 0, 0)],
+)
+def test_relations_of_three_operands_hold_from_each_to_the_next(tag, rising, level, falling):
+    """MathML 2, 4.2.4: relations but neq are n-ary."""
+    for values, expected in (((1, 2, 3), rising), ((1, 1, 2), 0), ((3, 2, 1), falling)):
+        operands = "".join(f"<cn>{value}</cn>" for value in values)
+        root = read_xml(f"<math><apply><{tag}/>{operands}</apply></math>", "")
+        found = evaluate(read_math(root, lambda name, _: name), {})
+        assert found == (expected if values != (1, 1, 2) else int(tag == "leq"))
+    same = read_xml(f"<math><apply><{tag}/>{'<cn>2</cn>' * 4}</apply></math>", "")
+    assert evaluate(read_math(same, lambda name, _: name), {}) == max(level, tag == "eq")
+
+
+def test_a_long_chain_of_variables_is_gone_through_once(tmp_path, monkeypatch):
+    """Each of 300 variables is read by the next one and by the program: each is looked at twice."""
+    count, looks = 300, []
+    chain = "".join(
+        f'<variableDef name="x{i}" varID="x{i}" units="nd"><calculation><math><apply><plus/>'
+        f"<ci>x{i - 1}</ci><cn>1</cn></apply></math></calculation></variableDef>"
+        for i in range(1, count)
+    )
+    first = '<variableDef name="x0" varID="x0" units="nd"><isInput/></variableDef>'
+    (tmp_path / "m.dml").write_text(f"<DAVEfunc>{first}{chain}</DAVEfunc>", encoding="utf-8")
+    words = ", ".join(f"w{i}: m.x{i}" for i in range(1, count))
+    (tmp_path / "a.yaml").write_text(
+        "title: Chain\nmodels: {m: {file: m.dml, inputs: {x0: 1}}}\n"
+        f"digital: {{period: 1 s, program: {{{words}}}}}\nrun: {{until: 1 s}}\n"
+    )
+    needs = daveml._needs
+    monkeypatch.setattr(daveml, "_needs", lambda *given: looks.append(1) or needs(*given))
+    patch = read_patch(tmp_path / "a.yaml")
+    assert len(looks) == 2 * count  # in search of loops, and for the program
+    assert run(patch).record[f"w{count - 1}"].values[-1] == count

@@ -10,6 +10,7 @@ import pytest
 from scipy.interpolate import LinearNDInterpolator
 from scipy.optimize import nnls
 
+from hybrid.engine.helper_functions import PER_SITE
 from hybrid.engine.lookup import look_up, new_places, pack
 from hybrid.engine.scattered import ASKED, FOUND, read_scattered
 from hybrid.errors import PatchError
@@ -34,7 +35,7 @@ def asker(table):
     """The compiled look-up as a function of the arguments; notes of what was beyond."""
     finds = searches(table)
     packed = pack(finds, [(table, range(len(finds)))])
-    places, notes = new_places(packed[1]), np.zeros((2, 6))
+    places, notes = new_places(packed[1]), np.zeros((PER_SITE + 1, 6))
 
     def ask(*arguments):
         return look_up(np.array(arguments, dtype=float), 0, 0, *packed, *places, notes)
@@ -59,7 +60,7 @@ def test_between_the_points_it_is_scipys(variables):
         inside += 1
     for point, value in zip(points, values, strict=True):
         assert ask(*point) == pytest.approx(value, abs=1e-9)
-    assert inside == 300 and notes[0, 0] == 0.0
+    assert inside == 300 and not notes[:, 0].any()
     assert np.isnan(ask(*[np.nan] * variables))
 
 
@@ -74,7 +75,7 @@ def test_a_straight_function_is_met_everywhere_even_between_points_of_a_lattice(
         assert ask(*place) == pytest.approx(2.0 + place @ slopes, abs=1e-12)
     for place in itertools.product(*[[0.0, 0.5, 1.0]] * variables):
         assert ask(*place) == pytest.approx(2.0 + np.array(place) @ slopes, abs=1e-12)
-    assert notes[0, 0] == 0.0
+    assert not notes[:, 0].any()
     for place in rng.uniform(-5, 8, size=(100, variables)):
         assert ask(*place) == pytest.approx(2.0 + place @ slopes, abs=1e-11)
 
@@ -84,8 +85,8 @@ def test_beyond_a_triangle_it_is_the_nearest_place_or_goes_on():
     points, values = np.array([[0.0, 0], [1, 0], [0, 1]]), np.array([0.0, 1, 2])
     near = {(1, 1): (0.5, 0.5), (-1, 0.25): (0, 0.25), (-1, -2): (0, 0), (3, 0): (1, 0)}
     clamped, notes = asker(table_of(points, values, CLAMPS, CLAMPS))
-    assert clamped(1, 1) == pytest.approx(1.5, abs=1e-15) and notes[0, 0] == 1
-    assert notes[0, 5] == pytest.approx(np.sqrt(0.5)) and notes[0, 4] == 2
+    assert clamped(1, 1) == pytest.approx(1.5, abs=1e-15) and notes[5, 0] == 1
+    assert notes[5, 4] == pytest.approx(np.sqrt(0.5))  # beyond the points, after two arguments
     through, _ = asker(table_of(points, values, CLAMPS))
     on, _ = asker(table_of(points, values, CONTINUES))
     for place, found in near.items():
@@ -225,11 +226,16 @@ def test_a_table_of_points_in_a_run(flown, word, rel, outside):
 def test_beyond_the_points_but_within_their_ranges(flown, word):
     """At mach 0.7 the edge from (0.9, 0) to (0.5, 1000 ft) is met at 500 ft."""
     result = flown("clamp", word, **{"thrust(0.5": "thrust(0.7"})
-    (beyond,) = result.outside
+    beyond, above = result.outside
     assert (beyond["argument"], beyond["range"], beyond["units"]) == ("points", [0, 0], "")
+    assert (above["argument"], above["times"], beyond["times"] + above["times"]) == (
+        "height",
+        31,
+        80,
+    )
     # In parts of the ranges the edge falls 2 a unit: 10 ft above it is 0.01/sqrt(5) away.
     assert beyond["value"] == pytest.approx(0.01 / np.sqrt(5), rel=1e-5)
-    told = "was asked for a place beyond its points, by 0.00447 of their range (80 times, first at 5.1 s"
+    told = "was asked for a place beyond its points, by 0.00447 of their range (49 times, first at 5.1 s"
     assert result.status == "complete" and told in result.status_note
     stopped = flown("stop", word, **{"thrust(0.5": "thrust(0.7"})
     assert stopped.status == "stopped" and "at 5.1 s" in stopped.status_note
@@ -238,7 +244,9 @@ def test_beyond_the_points_but_within_their_ranges(flown, word):
 def test_every_site_is_told_and_tables_share_their_searches(flown):
     both = {'force: "thrust(0.5, h)"': 'force: "thrust(0.7, h)", other: "2*thrust(0.7, h)"'}
     result = flown("clamp", **both)
-    assert {(o["word"], o["times"]) for o in result.outside} == {("force", 80), ("other", 80)}
+    assert {(o["word"], o["times"]) for o in result.outside} == {
+        (word, times) for word in ("force", "other") for times in (49, 31)
+    }  # 5.1 s to 9.9 s beyond the points, then beyond their range too
     assert (2 * result.record["force"].values * LBF).tolist() == pytest.approx(
         result.record["other"].values.tolist()
     )

@@ -66,6 +66,27 @@ def test_the_quaternion_of_a_steady_turn() -> None:
     )
 
 
+def test_the_length_of_the_digital_quaternion_is_held() -> None:
+    """RK4 multiplies it by 1 - a^6/144 a cycle, a = |w| T/2 (|1 + ia - a^2/2 - ia^3/6 + a^4/24|), so
+    that the excess, twice that, grows evenly. The stages are longer or shorter than the quaternion: the
+    tie sees (2 (-a^2/4) + 2 (a^2/4 - a^4/16) + a^4/4)/6 = a^4/48 of that. Both are at rest together."""
+    half, tie = np.linalg.norm([0.3, -0.2, 0.6]) / 2, 0.05
+    lost = half**6 / 72 * (1 - half**2 / 8)
+    free = play("attitude_digital", 300.0, 1.0, {"tie": 0.0})["excess"].values
+    np.testing.assert_allclose(free, -np.expm1(np.arange(301) * np.log1p(-lost)), atol=1e-12)
+    held = play("attitude_digital", 300.0, 1.0, {"tie": tie})["excess"].values
+    # (to tie T of what it comes to, lost/tie)
+    assert held[-1] == pytest.approx(lost / tie - half**4 / 48, abs=lost)
+    assert held[-1] == pytest.approx(held[-2], rel=1e-3) and free[-1] > 10 * held[-1]
+
+
+def test_an_excess_of_the_digital_quaternion_dies_with_the_tie() -> None:
+    """excess' = -tie excess (1 - excess), so excess/(1 - excess) falls as exp(-tie t)."""
+    record = play("attitude_digital", 5.0, 0.01, {"a_s": 0.95})
+    left = (1 - 0.95**2) / 0.95**2 * np.exp(-record["time"].values)
+    np.testing.assert_allclose(record["excess"], left / (1 + left), atol=1e-10)
+
+
 PLACES = [
     {"latitude": 0.0, "longitude": 0.0, "yaw": 0.0, "pitch": 0.0, "roll": 0.0},
     {"latitude": 0.63, "longitude": -1.32, "yaw": 0.79, "pitch": 0.05, "roll": -0.2},

@@ -230,11 +230,12 @@ def test_a_run_says_when_it_left_the_atmosphere(tmp_path, capsys, monkeypatch):
             "units": "m",
             "time_s": 7.0,
             "times": 4,
+            "worst": 90000.0,
             "action": "continued",
         }
     ]
     said = "density_us76 in word 'rho' was asked for height = 87000 m, outside -5000 to 86000 "
-    assert found["status_note"] == said + "(4 times, first at 7 s; continued)"
+    assert found["status_note"] == said + "(4 times, first at 7 s; at worst 90000 m; continued)"
     # Isothermal from the top of the standard on: H = R T / (M g) = 5472.2 m, of geopotential height.
     base, top = (6356766.0 * h / (6356766.0 + h) for h in (86e3, 89e3))
     expected = 6.957820e-6 * math.exp(-(top - base) / (8314.32 / 28.9644 * 186.946 / 9.80665))

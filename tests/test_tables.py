@@ -8,6 +8,7 @@ import pytest
 from scipy.interpolate import PchipInterpolator, RegularGridInterpolator
 
 from hybrid.cli import main
+from hybrid.engine.helper_functions import PER_SITE
 from hybrid.engine.lookup import look_up, new_places, pack
 from hybrid.errors import PatchError
 from hybrid.patchfile import parse_patch, read_patch
@@ -21,7 +22,7 @@ EPS = np.finfo(float).eps
 def asker(table):
     """The compiled look-up as a function of the arguments, with a memory of its own."""
     packed = pack(table.axes, [(table, range(len(table.axes)))])
-    places, notes = new_places(packed[1]), np.zeros((2, 6))
+    places, notes = new_places(packed[1]), np.zeros((PER_SITE + 1, 6))
 
     def ask(*arguments):
         held = np.array(arguments, dtype=float)
@@ -221,6 +222,40 @@ def test_what_lay_outside_is_told(tmp_path, capsys, monkeypatch):
     assert main(["sweep", "a.yaml", "--over", "step=1 ft:2 ft:2", "--jobs", "1", "--json"]) == 0
     points = json.loads(capsys.readouterr().out)["points"]
     assert all("drag in word 'cd'" in point["note"] for point in points)
+
+
+BOTH_SIDES = """
+title: A table asked beyond both of its ends, in turns
+tables: {line: {inputs: {x: 1, y: 1}, values: {0: {0: 0, 1: 1}, 2: {0: 2, 1: 3}}, outside: clamp}}
+digital:
+  period: 1 s
+  compute_time: 0
+  word: WORD
+  remember: {k: 0}
+  program:
+    k: previous(k) + 1
+    x: select(mod(k, 2) == 0, k, -k)
+    w: line(x, 2*k - 20)
+run: {until: 9 s}
+"""
+
+
+@pytest.mark.parametrize("word", ["float64", "float32"])
+def test_each_side_of_each_range_is_told_by_itself(word):
+    """In cycle k from 1 to 10 x is -1, 2, -3, 4, ... and y from -18 to 0."""
+    result = run(parse_patch(BOTH_SIDES.replace("WORD", word)))
+    found = sorted(
+        (o["argument"], o["value"], o["worst"], o["times"], o["time_s"]) for o in result.outside
+    )
+    assert found == [
+        ("x", -1.0, -9.0, 5, 0.0),  # 1, 3, 5, 7, 9
+        ("x", 4.0, 10.0, 4, 3.0),  # 4, 6, 8, 10
+        ("y", -18.0, -18.0, 9, 0.0),  # all but 10
+    ]
+    assert (
+        "x = 4, outside 0 to 2 (4 times, first at 3 s; at worst 10; clamped)" in result.status_note
+    )
+    assert "y = -18, outside 0 to 1 (9 times, first at 0 s; clamped)" in result.status_note
 
 
 SHEET = """\

@@ -10,8 +10,11 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 import hybrid
+from hybrid.compiler import compile_patch
+from hybrid.cycle_map import _loop, cycle_maps
 from hybrid.errors import PatchError
 from hybrid.machine import Holder, Sampler, StepEvent, Timing
+from hybrid.memo import KeptBySize
 from hybrid.patchfile import parse_patch
 from hybrid.scale import TICKS_PER_SECOND, row_times_s, to_seconds, to_ticks
 from hybrid.timeline import Happening, build_timeline
@@ -254,6 +257,58 @@ def test_few_rows_interrupt_what_repeats(machine, monkeypatch, given):
     assert timeline.cycles == timing.until // timing.period
     assert sum(len(segment.events) for segment in timeline.segments) < 200
     assert listed(timeline) == brute_force(timing, adcs, 1, steps)
+
+
+# --- clocks that come together too seldom ---------------------------------------------------------
+
+UNRELATED = """
+title: Two tasks whose clocks come together every 10.007 s
+machine: MACHINE
+parameters: {k: 14 1/s, k_angle: 7 1/s}
+analog:
+  rate: {integrate: {M: 1}, initial: 0 rad/s, full_scale: 1 rad/s}
+  angle: {integrate: {rate: 1}, initial: 0.1 rad, full_scale: 0.2 rad}
+  kick: {square: 0.1 rad/s, period: 0.0973 s, full_scale: 1 rad/s}
+interface:
+  r: {adc: rate, conversion_time: 0.05 ms}
+  a: {adc: angle}
+  M: {dac: moment, full_scale: 12 rad/s^2, initial: 0 rad/s^2}
+digital:
+  tasks:
+    fast: {period: 1 ms, phase: 0.1 ms, compute_time: 0.3 ms, program: {moment: -k*(r - demand)}}
+    slow: {period: 1.0007 ms, compute_time: 0.7 ms, overrun: OVERRUN, program: {demand: -k_angle*a}}
+run: {until: 0.6 s, every: 10 ms}
+"""
+
+
+@pytest.mark.parametrize("overrun", ["skip", "queue", "stop"])
+@pytest.mark.parametrize("name", ["ideal", "nominal"])
+def test_a_run_is_the_same_to_the_last_bit_however_it_is_laid_out(monkeypatch, name, overrun):
+    """At once, and in stretches of 20 clock ticks of which the engine keeps 200 intervals."""
+    patch = parse_patch(UNRELATED.replace("MACHINE", name).replace("OVERRUN", overrun))
+    at_once = hybrid.run(patch, seed=3)
+    kept = KeptBySize(10**6, lambda timeline: 1)
+    monkeypatch.setattr("hybrid.timeline.MOST_INTERVALS", 200)
+    monkeypatch.setattr("hybrid.timeline._kept", kept)
+    timeline = build_timeline(compile_patch(patch), 3)
+    assert timeline.later is not None
+    lengths = [segment.length for segment in timeline.further()]
+    assert len(lengths) > 20 or overrun == "stop"
+    assert sum(lengths) == timeline.later.stopped.tick if timeline.later.stopped else timeline.until
+    in_stretches = hybrid.run(patch, seed=3)
+    assert in_stretches.record.identical(at_once.record)
+    assert in_stretches.tasks == at_once.tasks and in_stretches.status == at_once.status
+    assert (in_stretches.cycles, in_stretches.overloads) == (at_once.cycles, at_once.overloads)
+
+
+def test_a_prediction_follows_no_more_results_than_are_on_their_way():
+    """1,001 and 1,000 cycles to a stretch: a map of a few figures."""
+    text = UNRELATED.replace("MACHINE", "ideal").replace("OVERRUN", "skip")
+    machine = compile_patch(parse_patch(text.replace("1.0007 ms", "1.001 ms")))
+    loop = _loop(machine)
+    assert len(loop.events) > 9000 and sum(loop.sizes) < 20
+    found = cycle_maps([machine])[0]
+    assert found.ticks == to_ticks(1.001) and found.change.shape[0] < 12
 
 
 # --- the values at an instant --------------------------------------------------------------------

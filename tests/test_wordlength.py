@@ -6,6 +6,7 @@ from fractions import Fraction
 import numpy as np
 import pytest
 
+import hybrid
 from hybrid.coupling import exact_modes, ideal_modes
 from hybrid.engine.compiling import compiled, strictly
 from hybrid.engine.rounding import code_of, compute, left_out, odd, rounded_float, within
@@ -424,3 +425,13 @@ def test_mistakes(word, reason, compiled):
     assert reason in str(caught.value)
     assert "\n" not in str(caught.value)
     assert caught.value.place.line in (7, 8)
+
+
+def test_a_fixed_point_word_without_a_full_scale_is_told_of():
+    """It has 1 in SI units: rarely meant, and not wrong."""
+    for word, warned in (("{fixed: 8}", True), ("{fixed: 8, full_scale: 1}", False)):
+        digital = f"digital: {{period: 1 s, word: {word}, program: {{x: 0.5}}}}"
+        text = f"title: a\n{digital}\nrun: {{until: 2 s}}\n"
+        warnings = hybrid.check(parse_patch(text, "a.yaml"), trial=False).warnings
+        told = "a.yaml:2: fixed: 8 has no full_scale, so it is 1 in SI units; give one"
+        assert (told in warnings) == warned

@@ -134,6 +134,6 @@ class State(NamedTuple):
     counts: Ints  # see the constants of `kernel`
     overload: Ints  # (signals + adcs + dacs + words, 6): see the constants of `kernel`
     beyond: Floats  # (signals + adcs + dacs + words, 2): first and worst value
-    outside: Floats  # (sites of the tape + 1, 6): see `helper_functions`
+    outside: Floats  # (PER_SITE rows for each site of the tape + 1, 6): see `helper_functions`
     places: Floats  # (searches + 4, 4): where arguments of tables lie, see `lookup`
     intervals: Ints  # (searches, 2)

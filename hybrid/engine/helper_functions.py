@@ -14,7 +14,7 @@ import numpy.typing as npt
 from hybrid import surroundings
 from hybrid.engine.compiling import strictly_alike
 from hybrid.numbering import Burst
-from hybrid.tables import CONTINUES, STOPS
+from hybrid.tables import CONTINUES, MOST_VARIABLES, STOPS
 from hybrid.tape import Op
 
 Floats = npt.NDArray[np.float64]
@@ -49,22 +49,32 @@ GRAVITY_J2, GRAVITY_POLAR_J2, GEODETIC_WGS84 = (
 GAS_CONSTANT = surroundings.US76_GAS_CONSTANT
 LOWEST_M, HIGHEST_M = surroundings.US76_LOWEST_M, surroundings.US76_HIGHEST_M
 
-# A row of State.outside for each place of the program that may be asked beyond its range: how often, the
-# first time as (segment, repeat, instant), which argument, its value. The last row is the clock, with
-# the present time in place of the first, and how many calls were to stop the run in place of how often.
-TIMES, SEGMENT, REPEAT, INSTANT, ARGUMENT, VALUE = range(6)
+# Rows of State.outside for each place of the program that may be asked beyond its range: below and above
+# the range of each argument, then beyond scattered points. How often, the first time as (segment,
+# repeat, instant), the first value and the worst. The last row is the clock, with the present time
+# in place of the first, and how many calls were to stop the run in place of how often.
+TIMES, SEGMENT, REPEAT, INSTANT, VALUE, WORST = range(6)
+SIDES = 2
+PER_SITE = SIDES * (MOST_VARIABLES + 1)
+# What is added to an action where the argument was above its range.
+ABOVE = 8
 
 
 @strictly_alike
-def note_outside(notes: Floats, site: int, argument: int, value: float, action: int) -> None:
-    """Remember that a function was asked beyond its range: the first time, or what stops the run."""
-    clock = notes.shape[0] - 1
-    if notes[site, TIMES] == 0.0 or action == STOPS:
+def note_outside(notes: Floats, site: int, argument: int, value: float, done: int) -> None:
+    """Remember that a function was asked beyond its range: the first time, or what stops the run.
+
+    done: the action, and ABOVE where that was above the range.
+    """
+    above, action = done // ABOVE, done % ABOVE
+    clock, row = notes.shape[0] - 1, PER_SITE * site + SIDES * argument + above
+    if notes[row, TIMES] == 0.0 or action == STOPS:
         for column in (SEGMENT, REPEAT, INSTANT):
-            notes[site, column] = notes[clock, column]
-        notes[site, ARGUMENT] = argument
-        notes[site, VALUE] = value
-    notes[site, TIMES] += 1.0
+            notes[row, column] = notes[clock, column]
+        notes[row, VALUE] = value
+    if notes[row, TIMES] == 0.0 or (value > notes[row, WORST]) == (above > 0):
+        notes[row, WORST] = value
+    notes[row, TIMES] += 1.0
     if action == STOPS:
         notes[clock, TIMES] += 1.0
 
@@ -73,8 +83,10 @@ def note_outside(notes: Floats, site: int, argument: int, value: float, action: 
 def compute_helper(op: int, r: Floats, at: int, site: int, notes: Floats) -> float:
     """A helper function of the registers from `at` on; `site` is its row of `notes`."""
     if op <= SOUND_SPEED_US76:
-        if r[at] < LOWEST_M or r[at] > HIGHEST_M:
+        if r[at] < LOWEST_M:
             note_outside(notes, site, 0, r[at], CONTINUES)
+        elif r[at] > HIGHEST_M:
+            note_outside(notes, site, 0, r[at], CONTINUES + ABOVE)
         layer, rise = _us76_layer(r[at])
         temperature = _us76_temperature(layer, rise)
         if op == TEMPERATURE_US76:

@@ -277,8 +277,8 @@ class Player:
         most = most_intervals(self.machine)
         if len(self._numbers) > most:
             raise PatchError(
-                f"the run has more than {most} different intervals between events; make periods, "
-                "compute times and 1/64 of every jitter small multiples of each other",
+                f"the run has more than {most} different intervals between events in a short time; make "
+                "periods, compute times and 1/64 of every jitter small multiples of each other",
                 self.machine.patch.run.until.place,
             )
         self.segments.append(segment)
@@ -293,23 +293,27 @@ class Player:
         self.segments[self.segment] = replace(segment, length=length)
 
     def _forget_intervals(self) -> None:
-        """Before another stretch is taken in: propagators are kept, as intervals come again."""
+        """Before another stretch is taken in: propagators are kept, as intervals come again, while there
+        is room for those of another one."""
+        if 2 * len(self._numbers) > most_intervals(self.machine):
+            self._numbers.clear()
+            nothing = self.plant.change[:0], self.plant.draws[:0]
+            self.plant = self.plant._replace(change=nothing[0], draws=nothing[1])
 
     def _more_intervals(self, intervals: list[int]) -> None:
         """Get ready to advance the analog side over further intervals (ticks)."""
         more = plant_of(self.machine, intervals)
         blocks, inputs = more.change.shape[1], more.change.shape[2]
         old = self.plant
-        if inputs != old.change.shape[2]:  # the rank of the noise differs
-            both = plant_of(self.machine, list(self._numbers))
-            grown = both.change.shape[2] - old.change.shape[2]
-            if grown:
-                self.state = self.state._replace(v=np.concatenate([self.state.v, np.zeros(grown)]))
-            self.plant = both
+        missing = old.change.shape[2] - inputs
+        if missing < 0:  # the rank of the noise is higher
+            self.state = self.state._replace(v=np.concatenate([self.state.v, np.zeros(-missing)]))
+            self.plant = plant_of(self.machine, list(self._numbers))
             return
         assert blocks == old.change.shape[1]
+        change = np.pad(more.change, ((0, 0), (0, 0), (0, missing), (0, 0)))
         self.plant = old._replace(
-            change=np.concatenate([old.change, more.change]),
+            change=np.concatenate([old.change, change]),
             draws=np.concatenate([old.draws, more.draws]),
         )
 

@@ -13,6 +13,7 @@ import numpy as np
 import numpy.typing as npt
 
 from hybrid.engine.compiling import strictly_alike
+from hybrid.engine.helper_functions import ABOVE as ABOVE_IT
 from hybrid.engine.helper_functions import note_outside
 from hybrid.engine.scattered import ASKED, read_scattered
 from hybrid.meshes import ACTION
@@ -33,7 +34,7 @@ CUBIC, SIMPLICES = METHODS.index("cubic"), METHODS.index("simplices")
 # What a search leaves behind. Floats: the argument within range, which part of the interval lies below
 # it, the argument as it was when it was out of range; in further rows, one for each axis of a table that
 # is being read, what was found at four neighbours. Ints: the interval; 0, or 1 more than what is done
-# with an argument out of range.
+# with an argument out of range, and ABOVE_IT where that is above.
 X, PART, BEYOND = range(3)
 INTERVAL, MISSED = range(2)
 
@@ -201,7 +202,7 @@ def seek(
     if x < low or x > high:
         missed = True
         action = axes[find, BELOW] if x < low else axes[find, ABOVE]
-        intervals[find, MISSED] = 1 + action
+        intervals[find, MISSED] = 1 + action + (ABOVE_IT if x > high else 0)
         places[find, BEYOND] = x
         if action != CONTINUES:
             x = min(max(x, low), high)
@@ -291,7 +292,7 @@ def _among_points(
     value, beyond = read_scattered(figures, values, count, places)
     if beyond > 0.0 and not told:
         find = tables[row, FIRST_AXIS + count * PER_AXIS + FIND]
-        intervals[find, MISSED] = 1 + int(figures[values + ACTION])
+        intervals[find, MISSED] = 1 + int(figures[values + ACTION]) + ABOVE_IT
         places[find, BEYOND] = beyond
     return value
 

@@ -28,6 +28,7 @@ from hybrid.engine.arrays import (
     Structs,
     lined_up,
 )
+from hybrid.engine.helper_functions import PER_SITE
 from hybrid.engine.lookup import new_places, pack
 from hybrid.engine.propagator import propagators
 from hybrid.machine import Analog, Floats, Holder, Machine, Pen, Sampler, StepEvent
@@ -263,7 +264,7 @@ def state_of(machine: Machine, plant: Plant) -> State:
         np.zeros(7, dtype=np.int64),
         np.zeros((watched, 6), dtype=np.int64),
         np.zeros((watched, 2)),
-        np.zeros((len(machine.tape.sites) + 1, 6)),
+        np.zeros((len(machine.tape.sites) * PER_SITE + 1, 6)),
         *new_places(deck.axes),
     )
 

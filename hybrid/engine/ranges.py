@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from hybrid.engine.helper_functions import ARGUMENT, TIMES, VALUE
+from hybrid.engine.helper_functions import PER_SITE, SIDES, TIMES, VALUE, WORST
 from hybrid.engine.linear import Player
 from hybrid.errors import known_as
 from hybrid.scale import to_seconds
@@ -17,11 +17,12 @@ from hybrid.tape import Site
 
 @dataclass(frozen=True, slots=True)
 class Outside:
-    """One place in the program that asked beyond the range of a function; SI units."""
+    """One place in the program that asked beyond the range of a function, on one side; SI units."""
 
     site: Site
     argument: int
     value: float  # the first
+    worst: float  # the farthest out
     time_s: float  # of the first
     times: int
 
@@ -42,6 +43,7 @@ class Outside:
             "word": known_as(self.site.word),
             "argument": self.site.arguments[self.argument],
             "value": self.value,
+            "worst": self.worst,
             "range": list(self.range),
             "units": self.site.units[self.argument],
             "time_s": self.time_s,
@@ -60,7 +62,8 @@ class Outside:
         if self.action == STOPS:
             return asked
         often = "once" if self.times == 1 else f"{self.times} times, first"
-        return f"{asked} ({often} at {self.time_s:.6g} s; {ACTIONS[self.action]})"
+        worst = f"; at worst {self.worst:.6g} {unit}".rstrip() if self.worst != self.value else ""
+        return f"{asked} ({often} at {self.time_s:.6g} s{worst}; {ACTIONS[self.action]})"
 
 
 def beyond_text(value: float, unit: str, low: float, high: float) -> str:
@@ -76,18 +79,20 @@ def beyond_text(value: float, unit: str, low: float, high: float) -> str:
 
 
 def outside(player: Player) -> tuple[Outside, ...]:
-    """Every place that has asked so far, by first time, then by its place in the program."""
+    """Every place that has asked so far, by first time, then by its place in the program; below and
+    above the range of each argument by itself."""
     notes = player.state.outside
     found: list[Outside] = []
     if not player.machine.tape.sites:
         return ()
     for row in np.flatnonzero(notes[:-1, TIMES]).tolist():
-        note = notes[row]
+        (site, side), note = divmod(row, PER_SITE), notes[row]
         found.append(
             Outside(
-                player.machine.tape.sites[row],
-                int(note[ARGUMENT]),
+                player.machine.tape.sites[site],
+                side // SIDES,
                 float(note[VALUE]),
+                float(note[WORST]),
                 to_seconds(player.asked_ticks(row)),
                 int(note[TIMES]),
             )

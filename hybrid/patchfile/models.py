@@ -144,6 +144,7 @@ def _refuse_ambiguous(model: Model, what: str, word: str, place: Place) -> None:
 def model_words(book: Book, read: Iterable[str], readable: frozenset[str]) -> dict[str, Assignment]:
     """The words that compute what the program reads of models, and what these read in turn."""
     found: dict[str, Assignment] = {}
+    taken: dict[str, set[str]] = {name: set() for name in book.models}  # ids
     left = sorted(name for name in read if name.rpartition(".")[0] in book.models)
     while left:
         name = left.pop()
@@ -157,10 +158,9 @@ def model_words(book: Book, read: Iterable[str], readable: frozenset[str]) -> di
         inside = Name(use.model.inside(wanted.id))
         expr: Node = Binary("*", inside, Number(factor, dimension))
         found[name] = Assignment(name, expr, wanted.place, hidden=True)
-        for id_ in needed(use.model, wanted.id):
+        for id_ in needed(use.model, [wanted.id], taken[model]):
+            taken[model].add(id_)
             variable, at = use.model.variables[id_], use.model.inside(id_)
-            if at in found:
-                continue
             place = variable.place
             if variable.expr is None:
                 expr, place = _connected(book, use, variable, readable)

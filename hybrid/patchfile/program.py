@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import functools
-from collections.abc import Mapping, Sequence
+from collections.abc import Container, Iterable, Mapping, Sequence
 from dataclasses import replace
 
 from hybrid.errors import PatchError, Place, did_you_mean, quoted
@@ -178,6 +178,11 @@ def _programs(
     return programs
 
 
+def _not_among(read: Iterable[frozenset[str]], *known: Container[str]) -> list[str]:
+    """Names that are in none of what is known, sorted."""
+    return sorted({n for some in read for n in some if not any(n in known_ for known_ in known)})
+
+
 def _check_own(
     programs: Sequence[Mapping[str, Assignment]], integrated: Sequence[Mapping[str, State]]
 ) -> None:
@@ -188,14 +193,14 @@ def _check_own(
             word = entry.word
             what = f"{'state' if word in states else 'word'} {word!r}"
             read = [previous_names(expr) for expr in entry.reads]
-            for name in sorted(frozenset[str]().union(*read) - program.keys() - states.keys()):
+            for name in _not_among(read, program, states):
                 raise PatchError(
                     f"{what} reads previous({name}) of another task; read {name}, which is that "
                     f"task's last result, or the previous() of a word {word}_copy: {name} of its own",
                     entry.place,
                 )
             read = [next_names(expr) for expr in entry.reads]
-            for name in sorted(frozenset[str]().union(*read) - states.keys()):
+            for name in _not_among(read, states):
                 raise PatchError(
                     f"{what} reads next({name}) of another task; read {name}, which is that task's "
                     f"last result, or a word {name}_next: next({name}) of that task",
