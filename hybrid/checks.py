@@ -19,6 +19,7 @@ from hybrid.equipment import Part, count_parts
 from hybrid.errors import counted
 from hybrid.linearity import NotLinear
 from hybrid.loops import Loops, loops_of
+from hybrid.loudness import short_windows
 from hybrid.machine import Machine
 from hybrid.patch import Value
 from hybrid.potentiometers import dialled_core, setting_of
@@ -218,6 +219,7 @@ def check(
             *rate_warnings(tested),
             *lost_constants(compiled),
             *workload_warnings(compiled, rows),
+            *filter(None, [short_windows(compiled)]),
             *disagreeing,
         ),
         rows,

@@ -24,6 +24,7 @@ from hybrid.elements import (
     PIECES,
     SINE,
     SUM,
+    TRACK,
     Element,
     limit_pieces,
 )
@@ -362,6 +363,8 @@ class _CircuitLayout(AnalogLayout):
         for hidden, element in kind.inner(given).items():
             yield name + hidden, self._reading(name, element)
         made = self._reading(name, kind.element(given))
+        if made.kind == TRACK:
+            made = replace(made, figures=(made.figures[0] + stage.leak,))
         scaled = replace(
             made,
             initial=made.initial / full_scale,

@@ -17,7 +17,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from hybrid import interrupts
-from hybrid.compilation import say_if_compiling
+from hybrid.compilation import say_if_compiling, say_if_slow
 from hybrid.errors import HybridError, RunError
 from hybrid.naming import on_text
 from hybrid.options import (
@@ -123,6 +123,7 @@ def _run(options: argparse.Namespace, filing: Filing) -> int:
     writable(*(stem.with_name(stem.name + suffix) for suffix in (".nc", ".png")))
     prediction = _prediction(machine_of(*ordered) if circuit else machine)
     say_if_compiling(machine, engine)
+    say_if_slow(machine, engine)
     interrupts.hear()
     with Progress("running") as progress:
         result = run(machine, seed=options.seed, progress=progress, engine=engine)
@@ -151,6 +152,7 @@ def _run(options: argparse.Namespace, filing: Filing) -> int:
             seed=result.seed,
             engine=result.engine,
             engine_error=result.engine_error,
+            coarse_by=result.coarse_by,
             cycles=result.cycles,
             operations=result.operations,
             tasks=to_dicts(result.tasks),
@@ -228,6 +230,7 @@ def sweep_command(options: argparse.Namespace) -> int:
     )
     writable(out, out.with_suffix(".png"), out.with_name(f"{out.stem}_readouts.png"))
     say_if_compiling(first, engine_of(first, "auto"))
+    say_if_slow(first, engine_of(first, "auto"))
     interrupts.hear()
     with Progress("sweeping") as progress:
         result = sweep(
@@ -286,6 +289,7 @@ def batch_command(options: argparse.Namespace) -> int:
     first = check_batch(patch, orders, differ, options.machine, options.jobs)
     writable(out, out.with_suffix(".png"))
     say_if_compiling(first, engine_of(first, "auto"))
+    say_if_slow(first, engine_of(first, "auto"))
     interrupts.hear()
     with Progress("running") as progress:
         result = batch(

@@ -1,4 +1,5 @@
-"""What is said before the engines are compiled, which happens once and takes long. Stage 8.
+"""What is said before what takes long: engines that are compiled, once, and noise that is played in very
+short windows. Stage 8.
 
 Every function is kept on disk as soon as it is compiled, so a run after an interrupted one goes on from
 there.
@@ -43,6 +44,15 @@ def say_if_compiling(machine: Machine, engine: str) -> None:
         say("compiling the kernel, once after installation ...")
     if engine == "nonlinear":
         _say_of_circuits(machine, limited)
+
+
+def say_if_slow(machine: Machine, engine: str) -> None:
+    """A run may take far longer than anybody would wait; say why before it begins."""
+    if engine == "nonlinear":
+        from hybrid.loudness import short_windows
+
+        if told := short_windows(machine):
+            say(told)
 
 
 def _computes_anew(machine: Machine) -> bool:

@@ -45,6 +45,8 @@ LARGEST_TIME_SCALE = 1e9
 LARGEST_POT_RESOLUTION = 0.1
 # An ADC's range, as a fraction of its signal's full scale, or the inverse of it.
 SMALLEST_RANGE = 1e-12
+# Kinds whose capacitor may leak.
+KEEPS_A_CHARGE = frozenset({"integrate", "track"})
 
 
 def compile_patch(
@@ -218,7 +220,7 @@ def _output_stage(
         tau = 0.0  # settled before the run and never moves again: its lag would cost and do nothing
     step_mu = _step_mu(part.bits, 1.0, preset) if isinstance(part, Dac) else 0.0
     leak_limit = 0.0
-    if isinstance(part, Component) and kind == "integrate":
+    if isinstance(part, Component) and kind in KEEPS_A_CHARGE:
         limit = part.values.get("leak_limit") or common.get("leak_limit")
         leak_limit = limit.number(scope) if limit else preset.leak_limit
     return OutputStage(

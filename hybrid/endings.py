@@ -10,11 +10,12 @@ from collections.abc import Sequence
 import numpy as np
 
 from hybrid.engine import kernel
-from hybrid.engine.linear import Player
+from hybrid.engine.linear import DAC_SUFFIX, Player
 from hybrid.engine.ranges import outside
 from hybrid.errors import known_as
 from hybrid.indicators import overloads_of
 from hybrid.machine import Machine
+from hybrid.record import full_scales, signal_units
 from hybrid.roundoff import word_lengths
 from hybrid.scale import to_seconds
 from hybrid.tables import STOPS
@@ -30,11 +31,8 @@ MOD, LIMITS = frozenset({"mod"}), frozenset({"limit", "dead_zone"})
 
 def ending(player: Player) -> tuple[str, str]:
     """Status and note of a run that has come to its end, or could not go on."""
-    if player.outcome == kernel.RUNAWAY:
-        return "stopped", (
-            f"stopped at {player.done_s:.6g} s: a signal went beyond {kernel.RUNAWAY_MU:.0e} times "
-            "its full scale; the patch is unstable"
-        )
+    if player.outcome in (kernel.RUNAWAY, kernel.NOT_RESOLVED):
+        return "stopped", f"stopped at {player.done_s:.6g} s: {_lost_text(player)}"
     if player.outcome == kernel.DONE and player.timeline.why_stopped:
         return "stopped", f"stopped at {player.done_s:.9g} s: {player.timeline.why_stopped}"
     if player.outcome == kernel.OVERLOADED:
@@ -54,8 +52,6 @@ def ending(player: Player) -> tuple[str, str]:
             "a comparator or limiter chatters: give it hysteresis, or what it drives a lag"
         )
         return "stopped", f"stopped at {player.done_s:.9g} s: {why}"
-    if player.outcome == kernel.NOT_RESOLVED:
-        return "stopped", f"stopped at {player.done_s:.6g} s: the signals change too fast to follow"
     if player.outcome == kernel.OUTSIDE:
         return "stopped", f"stopped at {player.done_s:.6g} s: {_stopper(player)}"
     if player.outcome == kernel.NOT_FINITE:
@@ -82,6 +78,37 @@ def ending(player: Player) -> tuple[str, str]:
         *player.remarks(),
     )
     return "complete", "; ".join(filter(None, notes))
+
+
+def _lost_text(player: Player) -> str:
+    """Which signal the run was lost by, how far it had come and why, as far as that is known."""
+    machine, lost = player.machine, player.lost
+    units, scales = signal_units(machine), full_scales(machine)
+
+    def shown(name: str, value_mu: float) -> str:
+        known = name.removesuffix(DAC_SUFFIX)
+        if known not in scales:  # inside of a component
+            return f"{value_mu:.4g}"
+        return f"{value_mu * scales[known]:.4g} {units[known][0]}".rstrip()
+
+    name = known_as(lost.signal) if lost else "a signal"
+    unknown = lost is None or lost.value_mu is None
+    value = "" if unknown else shown(lost.signal, lost.value_mu)  # type: ignore[union-attr,arg-type]
+    through = lost.through_zero if lost else ()
+    told = " and ".join(f"{read} at {shown(read, at)}" for read, at in through)
+    why = ""
+    if len(through) == 1:
+        why = f"its divisor is {told}"
+    elif through:
+        why = f"its angle jumps, with {told}"
+    if player.outcome == kernel.NOT_RESOLVED:
+        since = f" from {value} on" if value else ""
+        return f"{name} changes too fast to follow{since}" + (f": {why}" if why else "")
+    far = f", to {value}" if value else ""
+    return (
+        f"{name} went beyond {kernel.RUNAWAY_MU:.0e} times its full scale{far}; "
+        f"{why or 'the patch is unstable'}"
+    )
 
 
 def _late_readouts(machine: Machine) -> str:

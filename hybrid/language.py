@@ -107,11 +107,20 @@ ERROR_KEYS = (
     ),
 )
 
-# Of integrators, and of a machine for all of them.
+# Of integrators and track-stores, and of a machine for all of them.
+LEAK = Key(
+    "leak",
+    Holds.QUANTITY,
+    "rate at which the held value is lost (finite gain, capacitor loss)",
+    Unit.RATE,
+    Bound.NOT_NEGATIVE,
+    default="0 1/s",
+)
 LEAK_LIMIT = Key(
     "leak_limit",
     Holds.QUANTITY,
-    "of an integrator, limit of a leak beside the one given, drawn once per machine serial number",
+    "of an integrator or track-store, limit of a leak beside the one given, drawn once per machine "
+    "serial number",
     Unit.RATE,
     Bound.NOT_NEGATIVE,
 )

@@ -58,7 +58,7 @@ class OutputStage:
     pot_resolution: float = 0.0  # step of the settings of its potentiometers; 0: any setting
     tolerance: float = 0.0  # the gain was drawn within 1 +- this
     offset_limit: float = 0.0  # and the offset within this, beside what is given
-    leak: float = 0.0  # 1/s, of an integrator, beside what is given
+    leak: float = 0.0  # 1/s, of an integrator or a store, beside what is given
     leak_limit: float = 0.0  # up to which it was drawn
 
 

@@ -25,8 +25,8 @@ github.com/anabrid/the-analog-thing-docs, and the data sheets AD633 (Analog Devi
 - Leak of integrators: their capacitors, Panasonic ECHU(X) of PPS film (parts list), have an
   insulation resistance of 3000 Mohm at least (data sheet: 20 C, after 60 s). It stands beside an
   input of 1 Mohm (parts list), so an integrator of 1/s loses up to 1/3000 a second, whatever its
-  capacitance. The finite gain of the amplifiers is left out. For `howe_1964` we found no figure that
-  could be verified.
+  capacitance. Its integrators serve as track-stores, so these lose as much. The finite gain of the
+  amplifiers is left out. For `howe_1964` we found no figure that could be verified.
 - Our estimates: a lag of 1 us, 1 Mohm (parts list) times 1 pF of stray capacitance; noise 1e-5, the
   thermal noise of two such resistors over that bandwidth.
 """
@@ -51,7 +51,7 @@ class Preset:
     noise: float  # rms
     converters_exact: bool  # no quantisation and no clipping in ADC and DAC
     saturation: float = math.inf  # full scales
-    leak_limit: float = 0.0  # 1/s, of integrators
+    leak_limit: float = 0.0  # 1/s, of integrators and track-stores
     kinds: Mapping[str, Mapping[str, float]] = field(
         default_factory=dict
     )  # what some kinds differ in

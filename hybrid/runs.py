@@ -64,6 +64,7 @@ class Run:
     readouts: dict[str, dict[str, Any]] = field(default_factory=dict)
     engine: str = "exact"  # which one played it
     engine_error: float | None = None  # its estimate, of full scale, if it has one
+    coarse_by: str = ""  # the part whose noise says how well it resolves, if one does
     outside: tuple[dict[str, Any], ...] = ()  # functions of the program asked beyond their range
     played_s: float = 0.0  # how long the engine took, of real time
 
@@ -133,6 +134,7 @@ class Run:
         }
         if self.engine_error is not None:
             facts["engine_error"] = self.engine_error
+            facts["coarse_by"] = self.coarse_by
         return record_parts(self.machine, self.pens, self.time_s, self.rows, facts, self.firsts_s)
 
     def to_pandas(self) -> pd.DataFrame:
@@ -220,6 +222,7 @@ def run(
         compiled.operation.done(player.done_ticks) if compiled.operation else 0,
         engine=played_by,
         engine_error=player.engine_error,
+        coarse_by=player.coarse_by,
         outside=tuple(found.facts() for found in outside(player)),
         played_s=played_s,
     )

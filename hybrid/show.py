@@ -88,7 +88,8 @@ def show_run(
         operate_s = to_seconds(machine.operation.operate)
         cycles += f"{counted(run.operations, 'operation')} of {operate_s:g} s, "
     error = run.engine_error
-    about = "" if error is None else f" (error about {error:.1g} of full scale)"
+    beside = f" beside the noise of {run.coarse_by}" if run.coarse_by else ""
+    about = "" if error is None else f" (error about {error:.1g} of full scale{beside})"
     console.print(f"[bold]{escape(machine.patch.title)}[/]  ({escape(machine.patch.file)})")
     console.print(
         f"machine {speed_text(machine)}, seed {run.seed}, {run.engine} engine{about}; "

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from hybrid.components import CATALOG
 from hybrid.machine import Machine
+from hybrid.patch import Component
 from hybrid.scale import to_seconds
 
 
@@ -21,8 +22,17 @@ def stepwise_signals(machine: Machine) -> frozenset[str]:
     found &= quick
     # A loop of parts through each other may be anything, so it is not found.
     waiting = [
-        c for c in machine.patch.components if kinds[c.name].passes_jumps and c.name in quick
+        c
+        for c in machine.patch.components
+        if kinds[c.name].passes_jumps and c.name in quick and not _droops(machine, c)
     ]
     while new := {c.name for c in waiting if found.issuperset(c.sources)} - found:
         found |= new
     return frozenset(found)
+
+
+def _droops(machine: Machine, component: Component) -> bool:
+    """Whether it loses what it stores."""
+    own = component.values.get("leak")
+    given = own.number(machine.parameters) if own else 0.0
+    return given + machine.stages[component.name].leak > 0.0

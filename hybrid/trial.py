@@ -1,8 +1,9 @@
 """A trial run: how far every analog signal goes, and which full scales would hold it.
 
-Stage 6, for `checks`. It is a run of the machine as it is compiled, but without noise, which needs no
-range and would hide a rate, and on through overloads. Nothing is written. It is cut where it takes
-longer than an operator would wait, and says so.
+Stage 6, for `checks`. It is a run of the machine as it is compiled, but without the components' own
+noise, which needs no range and would hide a rate, and on through overloads. Noise sources are signals of
+the patch, and play as in a run of SEED. Nothing is written. It is cut where it takes longer than an
+operator would wait, and says so.
 """
 
 from __future__ import annotations
@@ -25,6 +26,7 @@ from hybrid.scale import to_seconds
 from hybrid.timeline import build_timeline
 from hybrid.workload import TaskRow, task_rows
 
+SEED = 0
 # Wall time after which a trial run is cut; what the kernels take to compile is not counted.
 LONGEST_WALL_S = 5.0
 # Numbers kept of it at a time, 3 MB.
@@ -72,11 +74,11 @@ class Trial:
 def try_out(machine: Machine, longest_wall_s: float | None = None) -> Trial:
     """Play the machine to its end, or for `longest_wall_s`, and see how far its signals go."""
     limit_s = LONGEST_WALL_S if longest_wall_s is None else longest_wall_s
-    machine = _without_noise(machine)
+    machine = _without_own_noise(machine)
     signals = machine.analog.signals
     most_cues = max(MOST_KEPT // max(len(signals), 1), 2)
     pens = tuple(Pen(name, "analog", i, 1.0) for i, name in enumerate(signals))
-    player = player_of(machine)(machine, build_timeline(machine), pens, 0, sys.maxsize)
+    player = player_of(machine)(machine, build_timeline(machine), pens, SEED, sys.maxsize)
     # Every row is looked at and forgotten, so that no length of run fills the memory.
     player.rows, player.keep_every = np.empty((most_cues, len(signals))), 1
     head, largest = np.zeros((0, len(signals))), np.zeros(len(signals))
@@ -93,11 +95,19 @@ def try_out(machine: Machine, longest_wall_s: float | None = None) -> Trial:
     return _seen(machine, player, ending(player), largest, head)
 
 
-def _without_noise(machine: Machine) -> Machine:
+def _without_own_noise(machine: Machine) -> Machine:
     """Nor does it end at an overload: how far a signal would go is what is asked."""
+    sources = {c.name for c in machine.patch.components if c.kind == "noise_source"}
     quiet = {name: replace(stage, noise=0.0) for name, stage in machine.stages.items()}
-    analog = replace(machine.analog, noise=np.zeros_like(machine.analog.noise))
-    elements = tuple((name, replace(e, noise=0.0)) for name, e in machine.elements)
+    analog = machine.analog
+    # What generates a noise source is a state of its own, before the output lag where it has one.
+    generators = {f"{s}:core" if f"{s}:core" in analog.states else s for s in sources}
+    own = [i for i, state in enumerate(analog.states) if state not in generators]
+    noise = analog.noise.copy()
+    noise[own] = 0.0
+    analog = replace(analog, noise=noise[:, np.any(noise != 0.0, axis=0)])
+    # Of elements, only generators are loud.
+    elements = tuple((name, e if e.loud else replace(e, noise=0.0)) for name, e in machine.elements)
     run = replace(machine.patch.run, on_overload="continue")
     patch = replace(machine.patch, run=run)
     return replace(machine, patch=patch, analog=analog, stages=quiet, elements=elements)

@@ -144,6 +144,38 @@ def test_noise_takes_no_range():
     assert noisy.rates[0].first_mu == pytest.approx(rate * (1 - late), rel=1e-9)
 
 
+HISS = """
+title: Noise sources
+machine: MACHINE
+analog:
+  hiss: {noise_source: 0.1 V, bandwidth: 1000 rad/s, full_scale: 1 V}
+  slow: {lag: {hiss: 1}, time_constant: 20 ms, full_scale: 1 V}
+  PART
+run: {until: 1 s, every: 1 ms}
+"""
+SQUARED = "loud: {multiply: [hiss, hiss], full_scale: 1 V^2}"
+
+
+@pytest.mark.parametrize("part", ["loud: {sum: {hiss: 1}, full_scale: 1 V}", SQUARED])
+def test_the_trial_plays_noise_sources(part):
+    """Rows that forget in 1 ms: the largest of some 500 independent ones is above 2.3 standard
+    deviations but for (1 - 0.021)^500 = 2e-5, and below 5.5 but for 2e-5. On ideal parts it is the run
+    of seed 0."""
+    text = HISS.replace("PART", part)
+    _, rows = checked(text.replace("MACHINE", "ideal"))
+    assert 0.23 < rows["hiss"].largest < 0.55
+    assert rows["hiss"].proposed == round_above(rows["hiss"].largest)
+    assert rows["slow"].remark == "below 10 %"  # 0.1 sqrt(1 ms / 21 ms) = 0.022 rms
+    record = hybrid.run(hybrid.parse_patch(text.replace("MACHINE", "ideal"))).record
+    for name in ("hiss", "slow", "loud"):
+        assert rows[name].largest == pytest.approx(abs(record[name].values).max(), rel=1e-9), name
+    again = checked(text.replace("MACHINE", "ideal"))[1]
+    assert again["hiss"].largest == rows["hiss"].largest
+    # The components' own noise stays out, also of the noise source's output.
+    loud = text.replace("MACHINE", "{preset: lags, noise: 0.3}")
+    assert checked(loud)[1]["slow"].largest < 0.1
+
+
 CLIPPED = """
 title: What is held back
 machine: {preset: nominal, noise: 0, tolerance: 0}

@@ -77,6 +77,7 @@ RUN |= {
     "every_s",
     "engine",
     "engine_error",
+    "coarse_by",
     "outside",
     "prediction",
     "prediction_note",

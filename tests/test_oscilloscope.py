@@ -144,6 +144,19 @@ def test_each_operation_is_a_sweep() -> None:
         assert path[:, 1] == pytest.approx(path[:, 0] * 0.5, abs=1e-9)
 
 
+def test_an_operation_that_the_run_cuts_short_is_told_from_whole_ones() -> None:
+    """Of 3 operations of 7 ms the last is in OP from 15 ms on: the strip chart counts 2."""
+    text = REP_OP.replace("until: 20 ms", "until: 17 ms")
+    for each, whole, said in (
+        (text, 2, "3 sweeps, the last cut short"),
+        (REP_OP, 3, "3 sweeps, lat"),
+    ):
+        data = hybrid.run(hybrid.parse_patch(each)).record
+        assert data.attrs["operations"] == whole
+        figure = oscilloscope(data, ["one"], sweeps_of(data, "one"))
+        assert said in figure.texts[1].get_text()
+
+
 def test_operations_that_signals_set_are_read_from_the_rows() -> None:
     data = record(rows=11, until_s=1.0)
     modes = np.array([0, 1, 1, 1, 2, 2, 0, 1, 1, 2, 0], dtype=float)

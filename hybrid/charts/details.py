@@ -97,10 +97,12 @@ def _between(f: Figures) -> list[str]:
 def _integrator(f: Figures) -> list[str]:
     low = f.bare("low") if f.has("low") else "−∞"
     high = f.bare("high") if f.has("high") else "∞"
-    return [
-        f"stops at {low} … {high}" if f.has("low") or f.has("high") else "",
-        f"leak {number(f.si('leak'), 4)} 1/s" if f.si("leak") else "",
-    ]
+    stops = f"stops at {low} … {high}" if f.has("low") or f.has("high") else ""
+    return [stops, *_leak(f)]
+
+
+def _leak(f: Figures) -> list[str]:
+    return [f"leak {number(f.si('leak'), 4)} 1/s" if f.si("leak") else ""]
 
 
 _BY_KIND: Mapping[str, Callable[[Figures], list[str]]] = {
@@ -122,4 +124,5 @@ _BY_KIND: Mapping[str, Callable[[Figures], list[str]]] = {
     "lag": lambda f: [f"τ = {f.time('time_constant')}"],
     **dict.fromkeys(("limit", "dead_zone", "compare"), _between),
     "integrate": _integrator,
+    "track": _leak,
 }

@@ -101,7 +101,8 @@ def oscilloscope(
     span_s = max(float(time_s[sweep.last - 1]) - sweep.start_s for sweep in sweeps)
     per_division_s = nice_division(span_s / ACROSS)
     traces = [_trace(record, name, sweeps) for name in signals]
-    head = _heading(record, len(sweeps), len(sweeps_s), per_division_s, persistence)
+    cut = _is_cut(record, sweeps[-1], sweeps_s)
+    head = _heading(record, len(sweeps), len(sweeps_s), cut, per_division_s, persistence)
     top_in = 0.62 + LINE_IN * (len(head) - 1)
     size_in = (ACROSS * DIVISION_IN, UPWARD * DIVISION_IN)
     with style.chart_style():
@@ -239,6 +240,14 @@ def _sweeps(time_s: Floats, sweeps_s: Sequence[tuple[float, float]]) -> list[Swe
     return found[-MOST_SWEEPS:]
 
 
+def _is_cut(record: Recorded, last: Sweep, sweeps_s: Sequence[tuple[float, float]]) -> bool:
+    """Whether the last sweep is of an operation that the run did not play to its end."""
+    if "operation" not in record.attrs:
+        return False
+    whole = int(record.attrs.get("operations", 0))
+    return any(start_s == last.start_s for start_s, _ in sweeps_s[whole:])
+
+
 def _trace(record: Recorded, name: str, sweeps: Sequence[Sweep]) -> Trace:
     values = np.asarray(record[name].values, dtype=np.float64)
     shown = np.concatenate([values[sweep.first : sweep.last] for sweep in sweeps])
@@ -253,6 +262,7 @@ def _heading(
     record: Recorded,
     shown: int,
     ordered: int,
+    cut: bool,
     per_division_s: float,
     persistence: float,
 ) -> list[tuple[str, str]]:
@@ -260,7 +270,7 @@ def _heading(
     left_out = f" of {ordered}" if shown < ordered else ""
     facts = [
         f"{style.duration(per_division_s)} a division",
-        f"{sweeps}{left_out}, latest brightest",
+        f"{sweeps}{left_out}{', the last cut short' if cut else ''}, latest brightest",
     ]
     facts += [f"fading to 1/e in {number(persistence)} sweeps"] if shown > 1 else []
     lines = [(str(record.attrs.get("title", "")), style.INK)]

@@ -6,7 +6,7 @@ import math
 from collections.abc import Mapping
 
 from hybrid.components.base import Core, Given, Kind
-from hybrid.language import LEAK_LIMIT, Bound, Holds, Key, Unit
+from hybrid.language import LEAK, LEAK_LIMIT, Bound, Holds, Key, Unit
 
 
 class Sum(Kind):
@@ -59,14 +59,7 @@ class Integrate(Kind):
         ),
         Key("reset_when", Holds.SIGNAL, "a comparator or a DAC: it is in IC while this is high"),
         Key("hold_when", Holds.SIGNAL, "a comparator or a DAC: it is in HOLD while this is high"),
-        Key(
-            "leak",
-            Holds.QUANTITY,
-            "rate at which the held value is lost (finite gain, capacitor loss)",
-            Unit.RATE,
-            Bound.NOT_NEGATIVE,
-            default="0 1/s",
-        ),
+        LEAK,
         LEAK_LIMIT,
         Key("low", Holds.QUANTITY, "the integrator stops here, below", Unit.OWN),
         Key("high", Holds.QUANTITY, "the integrator stops here, above", Unit.OWN),

@@ -13,7 +13,7 @@ from hybrid import elements
 from hybrid.components.base import Core, Given, Kind, Step
 from hybrid.components.sources import BIAS, PERIOD, too_short
 from hybrid.elements import Element
-from hybrid.language import Bound, Holds, Key, Unit
+from hybrid.language import LEAK, LEAK_LIMIT, Bound, Holds, Key, Unit
 from hybrid.units import Dimension
 
 GAIN = Key("gain", Holds.QUANTITY, "factor of the result", Unit.ANY, default="1")
@@ -218,7 +218,7 @@ class Switch(Nonlinear):
 
 
 class Track(Nonlinear):
-    """Track-store: follows a signal while told to, else holds its last value."""
+    """Track-store: follows a signal while told to, else holds its last value, which may droop."""
 
     key, symbol = "track", "track-store"
     doc = "follows a signal while the control is high, else holds"
@@ -226,13 +226,20 @@ class Track(Nonlinear):
     keys = (
         CONTROL,
         Key("initial", Holds.QUANTITY, "held before the first time", Unit.OWN, default="0"),
+        LEAK,
+        LEAK_LIMIT,
     )
 
     def element(self, given: Given) -> Element:
-        """w = a while control is high."""
-        (a,) = given.signals
-        initial = given.values.get("initial", 0.0)
-        return Element(elements.TRACK, {a: 1.0}, control=given.control, initial=initial)
+        """w = a while control is high, then w' = -leak w."""
+        (a,), values = given.signals, given.values
+        return Element(
+            elements.TRACK,
+            {a: 1.0},
+            control=given.control,
+            initial=values.get("initial", 0.0),
+            figures=(values.get("leak", 0.0),),
+        )
 
 
 class Sawtooth(Nonlinear):

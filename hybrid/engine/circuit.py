@@ -34,7 +34,7 @@ from hybrid.elements import (
     limit_pieces,
 )
 from hybrid.engine.arrays import Floats, Ints
-from hybrid.engine.order import computing_order, reach
+from hybrid.engine.order import computing_order, in_loops, reach
 
 # Columns of Circuit.rows: kind; terms FIRST to SECOND make u, SECOND to END make w; the element that
 # controls a switch or store, or whose value is a mode (of INPUT: its place in State.held); rows in laws
@@ -50,8 +50,10 @@ AMPLITUDE, OMEGA, PHASE = 4, 5, 6  # of SINE
 EXPONENT = 4  # of POWER
 FEEDBACK, KEEPS = 4, 5  # of INTEGRATE; KEEPS: its feedback is an input, off in HOLD
 WHICH = 4  # of MODE
-# Columns of Circuit.corners: element, what is guarded, range of rows in pieces.
-OWNER, ROLE, FIRST_PIECE, END_PIECE = 0, 1, 2, 3
+LEAK = 4  # of TRACK: at which rate it loses what it keeps
+# Columns of Circuit.corners: element, what is guarded, range of rows in pieces; 1 where the element
+# reads itself by way of others.
+OWNER, ROLE, FIRST_PIECE, END_PIECE, LOOPED = 0, 1, 2, 3, 4
 
 # Columns of Circuit.pieces: valid from LOW to HIGH of the guarded quantity g, where the function is
 # c0 + c1 (g - AT) + c2 (g - AT)^2.
@@ -91,7 +93,7 @@ class Circuit(NamedTuple):
     gain: Floats  # (terms,)
     laws: Floats  # (laws, 2): y' = drive * v - rate * y as (rate, drive), 1/s
     taus_s: Floats  # distinct times of decay, ascending: the boundary layers after a jump
-    corners: Ints  # (corners, 4): see the columns above
+    corners: Ints  # (corners, 5): see the columns above
     pieces: Floats  # (pieces, 6): see the columns above
     ranges: Ints  # (2,): heads, cores
     torn: Ints  # elements that are read before they are computed
@@ -223,10 +225,12 @@ class Builder:
         of: Mapping[str, float],
         control: str,
         initial: float = 0.0,
+        leak: float = 0.0,
         **errors: Any,
     ) -> None:
-        """Follows the sum while `control` is high, else holds what it was."""
-        self.add(name, Element(TRACK, of, control=control, initial=initial, **errors))
+        """Follows the sum while `control` is high, else holds what it was, but for `leak`, in 1/s."""
+        store = Element(TRACK, of, control=control, initial=initial, figures=(leak,), **errors)
+        self.add(name, store)
 
     def mode(
         self,
@@ -344,6 +348,8 @@ def _frame(
     noise_rates = sorted({1.0 / shapes[i][_LAG_S] for i in noisy})
     noisy_rows = [(i, noise_rates.index(1.0 / shapes[i][_LAG_S])) for i in noisy]
     rows, reads = np.full((len(order), 14), -1), [_reads(s) for s in shapes]
+    edges = {(place[r], i) for i, names in enumerate(reads) for r in names}
+    looped = in_loops(len(order), edges)
     read_at: dict[str, int] = {}  # by which element first
     for i, names in enumerate(reads):
         for name in names:
@@ -377,9 +383,12 @@ def _frame(
         np.array(list(laws), dtype=float).reshape(-1, 2),
         taus_s,
         np.array(
-            [(c[0], c[1], piece_ends[k], piece_ends[k + 1]) for k, c in enumerate(corners)],
+            [
+                (c[0], c[1], piece_ends[k], piece_ends[k + 1], c[0] in looped)
+                for k, c in enumerate(corners)
+            ],
             dtype=np.int64,
-        ).reshape(-1, 4),
+        ).reshape(-1, 5),
         none,
         np.array(ranges),
         np.flatnonzero(rows[:, TEAR]),
@@ -389,7 +398,7 @@ def _frame(
         np.array([shapes[i][_NOISE] for i in noisy], dtype=float),
         np.array(noise_rates, dtype=float),
         _tails(taus_s, noise_rates),
-        _longest(shapes, reads, place),
+        LOUD_LAGS * min((shapes[i][_LAG_S] for i in _distorted(shapes, edges)), default=math.inf),
         max((s[_NOISE] for s in shapes), default=0.0),
     )
 
@@ -409,20 +418,24 @@ def _tails(taus_s: Floats, noise_rates: Sequence[float]) -> Floats:
     return TAIL_LAGS * taus_s[taus_s > LEAST_LAG / noise_rates[-1]][::-1]
 
 
-def _longest(
-    shapes: Sequence[Shape], reads: Sequence[tuple[str, ...]], place: Mapping[str, int]
-) -> float:
-    """Windows that show loud noise where it reaches what is not linear."""
-    edges = {(place[r], i) for i, names in enumerate(reads) for r in names}
+def _distorted(shapes: Sequence[Shape], edges: set[tuple[int, int]]) -> list[int]:
+    """Loud noise that reaches what is not linear: windows must show it."""
 
-    def distorted(i: int) -> bool:
+    def reaches_curves(i: int) -> bool:
         reached = [shapes[k] for k in reach(edges, {i}, 1)]
         return any(s[_KIND] not in LINEAR or s[_CORNERS] for s in reached)
 
-    loud = [
-        s[_LAG_S] for i, s in enumerate(shapes) if s[_LOUD] and s[_NOISE] > 0.0 and distorted(i)
-    ]
-    return LOUD_LAGS * min(loud, default=math.inf)
+    loud = [i for i, s in enumerate(shapes) if s[_LOUD] and s[_NOISE] > 0.0]
+    return [i for i in loud if reaches_curves(i)]
+
+
+def distorted_noise(elements: Mapping[str, Element]) -> dict[str, float]:
+    """Loud noise that reaches what is not linear, by element: how long a window may be for it, in s."""
+    names = list(elements)
+    place = {name: i for i, name in enumerate(names)}
+    shapes = [_shape(e, _corners(e)) for e in elements.values()]
+    edges = {(place[r], i) for i, s in enumerate(shapes) for r in _reads(s)}
+    return {names[i]: LOUD_LAGS * shapes[i][_LAG_S] for i in _distorted(shapes, edges)}
 
 
 def _control(name: str, s: Shape, inputs: Sequence[str], place: Mapping[str, int]) -> int:

@@ -226,10 +226,12 @@ def settle(
 
     What remembers stays; the rest follows in order, and once more where an integrator or a store that
     its mode made to follow is read earlier in the order. `lags_too` lets lagged outputs follow as well;
-    those whose lag is shorter than `moving_s` move by as much as their input. Modes, and what stores do,
-    are those of `lead`: the same state, unless another leads it.
+    those whose lag is shorter than `moving_s` move by as much as their input, once: what has read such
+    a one before follows it in another pass. Modes, and what stores do, are those of `lead`: the same
+    state, unless another leads it.
     """
     rows, figures, memory, start = circuit.rows, circuit.figures, state.memory, state.start
+    torn = circuit.torn
     for e in range(rows.shape[0]):
         if rows[e, KIND] != INTEGRATE:
             continue
@@ -239,9 +241,14 @@ def settle(
         elif moves(rows, circuit.laws, e, moving_s):
             memory[e, BEFORE] = v
             start[e] += v - before
-    for _ in range(rows.shape[0] + 1):
+    read_before = False
+    for k in range(torn.shape[0]):
+        read_before |= moves(rows, circuit.laws, torn[k], moving_s)
+    for _ in range(rows.shape[0] + 2):
         if not _settle_in_order(circuit, state, lead, call_s, t_s, log, lags_too, moving_s):
-            break
+            if not read_before:
+                break
+            read_before, moving_s = False, 0.0
 
 
 @inlined

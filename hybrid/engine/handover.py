@@ -86,9 +86,12 @@ def _read_at_nodes(
 
 @inlined
 def accept(
-    circuit: Circuit, state: State, grid: Nodes, length_s: float, tail: float, tolerance: float
+    circuit: Circuit, state: State, grid: Nodes, length_s: float, tail: float, swept: float
 ) -> None:
-    """Make the end of the window the start of the next."""
+    """Make the end of the window the start of the next; swept: what its sweeps may have left.
+
+    SUM_OF_ERRORS of the true signals of a run with noise has the squares of that.
+    """
     end = len(grid.marks) - 1
     start, past, nodes, last, memory = (
         state.start,
@@ -111,6 +114,6 @@ def accept(
     clock[AGE] += length_s
     clock[LENGTH] = length_s
     clock[WORST] = max(clock[WORST], tail)
-    clock[SUM_OF_ERRORS] += 10.0 * tail * tail + tolerance
+    clock[SUM_OF_ERRORS] += 10.0 * tail * tail + swept
     state.counts[KNOWN] = 1
     state.counts[WINDOWS] += 1

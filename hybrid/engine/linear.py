@@ -16,6 +16,7 @@ from hybrid.engine import helper_functions, kernel
 from hybrid.engine.arrays import CUE, Deck, Plant, Score, State
 from hybrid.engine.bursts import MULTIPLY_ADD
 from hybrid.engine.limited import play_limited
+from hybrid.engine.lost import Lost, farthest
 from hybrid.engine.preparation import (
     coupling_of,
     cues_of,
@@ -173,6 +174,26 @@ class Player:
     @property
     def why_ended(self) -> str:
         """Which part ended the run by how it switches; '' where none is known to have."""
+        return ""
+
+    @property
+    def lost(self) -> Lost | None:
+        """Which signal went beyond any scale, or changes too fast to follow; None: none is known."""
+        return self._farthest()
+
+    def _farthest(self) -> Lost | None:
+        """The same of what the kernel has: signals, converters, and states inside of components."""
+        analog, state, worst = self.machine.analog, self.state, self.overloads()
+        inner = state.v[: len(self.plant.kept)][self.plant.kept > 0.0]
+        return (
+            farthest(analog.signals, state.v[self.plant.signal])
+            or farthest([o.signal for o in worst], np.array([o.worst_mu for o in worst]))
+            or farthest(analog.states, inner)
+        )
+
+    @property
+    def coarse_by(self) -> str:
+        """The part whose noise says how well windows are resolved; '' where none does."""
         return ""
 
     def remarks(self) -> tuple[str, ...]:

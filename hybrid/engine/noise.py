@@ -44,6 +44,7 @@ from hybrid.engine.sweep import (
     CRUISE,
     EVENTS,
     STARTED,
+    SWEPT,
     State,
     X,
     is_high,
@@ -56,6 +57,8 @@ from hybrid.modes import IC
 SHARE_OF_NOISE = 1e-3
 # What sweeps may leave.
 SHARE_LEFT = 1e-7
+# What arithmetic leaves of full scale in a window.
+ROUNDING = 1e-15
 # No piece of a window is made shorter.
 SHORTEST_S = 1e-15
 
@@ -153,7 +156,8 @@ def play_truth(
         )
         if solve(circuit, truth, noise.shelf, grid, t_s + done_s, piece_s, tolerance):
             watch(truth, grid, t_s + done_s, piece_s)
-            accept(circuit, truth, grid, piece_s, 0.0, 0.0)
+            swept = truth.clock[SWEPT]
+            accept(circuit, truth, grid, piece_s, 0.0, swept * swept)
             done_s = length_s if piece_s == length_s - done_s else done_s + piece_s
         else:
             most_s = 0.5 * piece_s

@@ -90,6 +90,14 @@ def _rank(element: Element) -> int:
     return 0 if element.kind == INTEGRATE else 1 if element.remembers() else FORGETS
 
 
+def in_loops(count: int, edges: set[tuple[int, int]]) -> set[int]:
+    """Numbers below `count` that come back to themselves along the edges."""
+    feeds: list[set[int]] = [set() for _ in range(count)]
+    for a, b in edges:
+        feeds[a].add(b)
+    return {i for group in _loops(range(count), feeds) for i in group}
+
+
 def _loops(of: Sequence[int], feeds: Sequence[set[int]]) -> list[list[int]]:
     """Groups of these numbers in which each reaches each, by the edges among them."""
     place = {i: k for k, i in enumerate(of)}

@@ -52,6 +52,7 @@ from hybrid.engine.circuit import (
     HIGH,
     KIND,
     LAG,
+    LEAK,
     LOW,
     OF_INTEGRATOR,
     OFFSET,
@@ -155,6 +156,8 @@ class Reference:
         self.x = np.where(rows[:, KIND] == INTEGRATE, initial[:, 0], 0.0)
         self.y = np.nan_to_num(initial[:, 1])
         self.stored = initial[:, 0].copy()
+        self.stored_s = np.full(len(rows), self.now_s)
+        self.stores = np.flatnonzero(rows[:, KIND] == TRACK).tolist()
         self.piece = self.circuit.initial_piece.tolist()
         follows = np.isnan(initial[:, 1]) & (rows[:, LAG] >= 0)
         for _ in range(len(rows) + 1):  # each pass settles at least one more lag of a chain
@@ -164,6 +167,31 @@ class Reference:
     def signals(self) -> Floats:
         """Every signal now (n,)."""
         return self._settled(self.now_s).signal
+
+    def signals_after(self, span_s: float) -> Floats:
+        """Every signal (n,) so shortly after now that states go straight."""
+        x, y = self.x, self.y
+        z = np.concatenate([x, y])
+        self.x, self.y = np.split(z + span_s * self._slope(self.now_s, z), 2)
+        soon = self._values(self.now_s + span_s).signal
+        self.x, self.y = x, y
+        return soon
+
+    def follow(self, held: Floats) -> None:
+        """Take over what the caller holds from now on; stores keep what they had before."""
+        before, were_high = self._values(self.now_s).before, self._open_stores()
+        self.held = held
+        self._keep(were_high - self._open_stores(), before)
+
+    def _open_stores(self) -> set[int]:
+        """Stores that follow their input now."""
+        before = self._values(self.now_s).before.tolist()
+        return {e for e in self.stores if self._is_high(self.parts[e].control, before)}
+
+    def _keep(self, stores: set[int], before: Floats) -> None:
+        """Stores that begin to hold keep these outputs."""
+        for e in stores:
+            self.stored[e], self.stored_s[e] = before[e], self.now_s
 
     def play(self, duration_s: float, instants_s: Floats | None = None) -> Floats:
         """Go on with the present held inputs; the signals at instants after the start (rows, n).
@@ -268,7 +296,8 @@ class Reference:
             else:
                 value = _FUNCTIONS[kind](u, w, figures[EXPONENT])
             if kind == TRACK and not self._is_high(part.control, before):
-                before[e] = float(self.stored[e])
+                age_s = t_s - self.stored_s[e]
+                before[e] = float(self.stored[e]) * math.exp(-figures[LEAK] * age_s)
             else:
                 before[e] = self._output(part, value, guard)
             if part.rate < 0.0:
@@ -331,9 +360,8 @@ class Reference:
         self.events.append((self.now_s, int(e), int(self.piece[corner])))
         if self.circuit.corners[corner, ROLE] == OF_INTEGRATOR and self.piece[corner] != 1:
             self.x[e] = self._row(corner)[C0]
-        for store in np.flatnonzero(self.circuit.rows[:, KIND] == TRACK):
-            if self.circuit.rows[store, CONTROL] == e and step < 0:
-                self.stored[store] = before.before[store]
+        if step < 0:
+            self._keep({s for s in self.stores if self.parts[s].control == e}, before.before)
 
     def _events(self) -> list[Callable[[float, Floats], float]]:
         """A terminal event for each bound of each present piece.

@@ -13,6 +13,7 @@ import numpy as np
 from hybrid.engine import kernel
 from hybrid.engine.arrays import Floats, Score, State
 from hybrid.engine.linear import Overload, Player
+from hybrid.engine.lost import Lost, runaway, steepest
 from hybrid.engine.reference import Method, NotResolved, Reference, RunsAway
 from hybrid.engine.remarks import refuse_undefined
 from hybrid.engine.sweep import CALLED, ENDED_BY
@@ -28,6 +29,8 @@ TOLERANCE = 1e-10
 # An explicit method takes steps of a lag or two, however smooth the signals are; with more of the
 # shortest lag than this in the run, the implicit method is faster.
 MANY_LAGS = 1000
+# Of the time, to see how fast signals change.
+SOON = 1e-14
 # Beyond full scale by more than the integrator's own error.
 FULL_SCALE = 1.0 + 1e-9
 
@@ -72,6 +75,7 @@ class ReferencePlayer(CircuitPlayer):
 
     plays_noise = False
     engine_error = None  # SciPy keeps its tolerance in each step and adds nothing up
+    coarse_by = ""
     reference: Reference
     beyond: _Beyond
     count: Count
@@ -133,11 +137,12 @@ class ReferencePlayer(CircuitPlayer):
         clock, reference = self.clock, self.reference
         start_s = clock.start_s + int(self.state.counts[kernel.REPEAT]) * clock.length_s
         v, inputs_at = self.state.v, self.plant.kept.shape[0]
-        reference.held = v[inputs_at + self.side.held]
         advances = cue[0] == kernel.ADVANCE
         if not advances:  # something has jumped
             reference.step_s = 0.0
         reference.now_s = began_s = start_s + float(clock.instants_s[cue[2] - advances])
+        with np.errstate(all="ignore"):
+            reference.follow(v[inputs_at + self.side.held])
         if self._switched() and advances:
             self.side.called_s[0] = 0.0
             return kernel.CALLED
@@ -155,7 +160,21 @@ class ReferencePlayer(CircuitPlayer):
         if advances and self._switched():
             self.side.called_s[0] = reference.now_s - began_s
             return kernel.CALLED
-        return kernel.WAITING if np.all(np.abs(signals) <= kernel.RUNAWAY_MU) else kernel.RUNAWAY
+        if np.all(np.abs(signals) <= kernel.RUNAWAY_MU):
+            return kernel.WAITING
+        self.side.stopped_s[0] = reference.now_s
+        return kernel.RUNAWAY
+
+    @property
+    def lost(self) -> Lost | None:
+        """Which signal went beyond any scale, or changes fastest where no step is short enough."""
+        with np.errstate(all="ignore"):
+            signals = self.reference.signals_after(0.0)
+            if self.outcome == kernel.NOT_RESOLVED:
+                soon = self.reference.signals_after(SOON * max(self.reference.now_s, SOON))
+                return steepest(self.side.circuit, self.names, signals, soon)
+        scale = kernel.RUNAWAY_MU / FULL_SCALE  # where it stops, but for its own error
+        return runaway(self.side.circuit, self.names, signals, scale) or self._farthest()
 
     def overloads(self) -> tuple[Overload, ...]:
         """Converters as the kernel saw them; analog signals at every step of the integrator."""

@@ -4,7 +4,8 @@ Stage 4. A window is accepted when the Legendre coefficients of every signal hav
 of full scale (of the signal, where that is larger): that bounds how well values inside it are known. Its
 end is far better. Radau quadrature errs by about the square of what the polynomial leaves, and the
 sweeps stop at a tolerance; the sum of both over all windows estimates what a run has gathered, as long
-as the circuit itself does not magnify errors.
+as the circuit itself does not magnify errors. With noise windows are as many as it asks for: what sweeps
+left is measured, and of the true signals, where it has the signs of the draws, its squares are added up.
 
 After a jump (start, change of a held input, event) lagged outputs relax as exp(-t / tau). Lags follow
 any polynomial exactly, but what reads them takes their outputs for polynomials: so windows begin short
@@ -27,7 +28,7 @@ from hybrid.engine.kernel import RUNAWAY_MU
 from hybrid.engine.lanes import dot
 from hybrid.engine.lengths import adapt, begin_short, next_length, reject
 from hybrid.engine.nodes import Nodes, Shelf, point_weights, slope_at
-from hybrid.engine.noise import Noise, bring_up, finest, jump, play_truth, show
+from hybrid.engine.noise import ROUNDING, Noise, bring_up, finest, jump, play_truth, show
 from hybrid.engine.overloads import FULL_SCALE, watch
 from hybrid.engine.sweep import (
     AFTER_EVENT,
@@ -47,6 +48,7 @@ from hybrid.engine.sweep import (
     OVERLOAD_S,
     ROWS,
     STARTED,
+    SWEPT,
     TIMES,
     WINDOWS,
     WORST_S,
@@ -67,6 +69,8 @@ DONE, RUNAWAY, CHATTER, UNRESOLVED, OVERLOADED, SWITCHED, GATHERED, PAUSED = ran
 MOST_MISS = 1e-12
 # No window is made shorter.
 SHORTEST_S = 1e-15
+# What rounding leaves of a time, as a share of it.
+DIGITS = 4e-16
 
 
 class Pen(NamedTuple):
@@ -136,7 +140,8 @@ def advance(
             reject(state, taus_s, length, tail / rtol, len(grid.marks))
             continue
         corner, at, over, earlier, by, ends = -1, 1.0, -1, 1.0, 0, False
-        if circuit.corners.shape[0] > 0:
+        # Time has no finer digits, so that nothing in so short a window says which comes first.
+        if circuit.corners.shape[0] > 0 and length > max(SHORTEST_S, DIGITS * (t_s + now)):
             corner, at = first_exit(circuit, state, grid)
         if counts[ON_OVERLOAD] != CONTINUE:
             over, earlier = _first_overload(state, grid, at)
@@ -163,7 +168,8 @@ def advance(
             _record(state, grid, pen, now, length)
             if noise is None:
                 watch(state, grid, t_s + now - length, length)
-            accept(circuit, state, grid, length, tail, tolerance)
+            swept = tolerance if noise is None else clock[SWEPT] + ROUNDING
+            accept(circuit, state, grid, length, tail, swept)
         if over >= 0:
             _note_if_first(state.clock, shown.overload[over], state.start[over], t_s + now)
             if counts[ON_OVERLOAD] == STOP_RUN:

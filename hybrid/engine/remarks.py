@@ -12,37 +12,28 @@ import numpy as np
 from hybrid.elements import QUOTIENT
 from hybrid.engine.arrays import Floats
 from hybrid.engine.circuit import (
-    AT,
-    C0,
-    C1,
-    C2,
     END,
-    END_PIECE,
     FIRST,
-    FIRST_PIECE,
-    GAIN,
     HIGH,
     KIND,
     LOW,
     OF_INTEGRATOR,
     OF_SUM,
     OWNER,
-    ROLE,
     Circuit,
 )
 from hybrid.engine.sweep import ENDED_BY, FROM_S, MOST, SHRUNK, TIMES, TURNED_S, TURNS, State
+from hybrid.engine.switching import drives_itself
 from hybrid.errors import PatchError
 from hybrid.machine import Machine
 
-# Neighbouring pieces that differ by more where one passes into the other make a jump.
-JUMP_MU = 1e-9
-
 
 def chattering(circuit: Circuit, names: Sequence[str], changes: Floats) -> tuple[str, ...]:
-    """Each part that jumped to and fro as fast as its lag lets it, in words; `changes`: of a State."""
+    """Each part that jumped to and fro as fast as its lag lets it, and by what it does itself, in words;
+    `changes`: of a State."""
     found = []
     for corner in np.flatnonzero(changes[:, MOST]).tolist():
-        if not _jumps(circuit, corner):
+        if not drives_itself(circuit, corner):
             continue
         name, _, _ = names[circuit.corners[corner, OWNER]].partition(":")
         found.append(
@@ -59,7 +50,7 @@ def held_back(
     tells, in words. Limits that the patch gives an integrator are not meant. `overload`: of the State
     that is seen, which has noise."""
     elements, found = dict(machine.elements), []
-    for corner, (e, role, first, _) in enumerate(circuit.corners.tolist()):
+    for corner, (e, role, first, *_) in enumerate(circuit.corners.tolist()):
         by_limits = role == OF_INTEGRATOR and elements[names[e]].limits is not None
         if role == OF_SUM or by_limits or overload[e, TIMES] > 0.0:
             continue
@@ -88,22 +79,6 @@ def ended_by(circuit: Circuit, names: Sequence[str], state: State, gathered: boo
         f"without end by {ends_s:.9g} s; nothing says what is after that: give it hysteresis, or "
         "parts a lag"
     )
-
-
-def _jumps(circuit: Circuit, corner: int) -> bool:
-    """Whether neighbouring pieces of a corner differ where the first is left."""
-    first, end = circuit.corners[corner, FIRST_PIECE], circuit.corners[corner, END_PIECE]
-    e, of_sum = circuit.corners[corner, OWNER], circuit.corners[corner, ROLE] == OF_SUM
-    size = abs(circuit.figures[e, GAIN]) if of_sum else 1.0  # what a sum makes may be in SI units
-    for p in range(first, end - 1):
-        at = circuit.pieces[p, HIGH]
-        x = at - circuit.pieces[p : p + 2, AT]
-        values = circuit.pieces[p : p + 2, C0] + x * (
-            circuit.pieces[p : p + 2, C1] + x * circuit.pieces[p : p + 2, C2]
-        )
-        if abs(values[1] - values[0]) * size > JUMP_MU:
-            return True
-    return False
 
 
 def refuse_undefined(

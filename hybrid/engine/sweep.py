@@ -48,6 +48,7 @@ from hybrid.engine.circuit import (
     KIND,
     LAG,
     LAW,
+    LEAK,
     NOISE,
     OFFSET,
     OMEGA,
@@ -124,8 +125,8 @@ TURNS = 6
 # the last window; largest error estimate of a window, and their sum for the ends of the windows; when
 # an overload stopped the run or held the machine; length that the last window suggests for the next;
 # what it left of the series, in relation to its length (0: unknown); how far into the interval it
-# paused (0: it did not).
-AGE, CRUISE, LENGTH, WORST, SUM_OF_ERRORS, OVERLOAD_S, NEXT, LEFT, INTO_S = range(9)
+# paused (0: it did not); what the sweeps of the last window may have left.
+AGE, CRUISE, LENGTH, WORST, SUM_OF_ERRORS, OVERLOAD_S, NEXT, LEFT, INTO_S, SWEPT = range(10)
 # Rows of State.rungs: after a jump of a held input, and after an event. So many windows are learned.
 AFTER_INPUT, AFTER_EVENT = range(2)
 RUNGS = 8
@@ -176,7 +177,7 @@ def new_state(circuit: Circuit, q: int = 8) -> State:
         np.zeros((m, 2)),
         np.zeros((n, 6)),
         lined_up(len(circuit.noisy), p),
-        np.array([0.0, math.inf, 0.0, 0.0, 0.0, math.nan, first_s, 0.0, 0.0]),
+        np.array([0.0, math.inf, 0.0, 0.0, 0.0, math.nan, first_s, 0.0, 0.0, 0.0]),
         rungs,
         counts,
         np.zeros(n, dtype=np.int64),
@@ -338,6 +339,10 @@ def special(
         elif kind == TRACK:
             if stores:
                 fill(scratch, 0, memory[e, BEFORE])
+                if figures[e, LEAK] > 0.0:
+                    for i in range(LANES):
+                        age = figures[e, LEAK] * length_s * marks[min(i + 1, q)]
+                        scratch[0, i] *= math.exp(-age)
         elif kind == MODE:
             fill(scratch, 0, memory[e, BEFORE])
         elif kind == INPUT:
@@ -416,6 +421,7 @@ def solve(
     heads, cores, n = circuit.ranges[0], circuit.ranges[1], circuit.rows.shape[0]
     first, last = 0, heads if heads > 0 else cores
     turn, before = 0, math.inf
+    state.clock[SWEPT] = 0.0
     while True:  # one call only: the compiler puts the sweep in line at each
         change = sweep(circuit, state, shelf, grid, slot, first, last, t_s, length_s)
         if first == 0 and heads > 0:
@@ -426,6 +432,7 @@ def solve(
             state.counts[SWEEPS] += 1
             ratio = change / before
             if agree(turn, change, ratio, tolerance):
+                state.clock[SWEPT] = left_open(turn, change, ratio, tolerance)
                 first, last = cores, n
             elif turn == MOST_SWEEPS or not change < RUNAWAY_MU or (turn >= 6 and ratio > 0.9):
                 return False
@@ -445,3 +452,14 @@ def agree(turn: int, change: float, ratio: float, tolerance: float) -> bool:
     if turn > 0 and ratio < 0.3 and change * ratio <= tolerance / 2 and change <= 100 * tolerance:
         return True
     return turn > 3 and ratio > 0.8 and change < 100 * tolerance
+
+
+@inlined
+def left_open(turn: int, change: float, ratio: float, tolerance: float) -> float:
+    """What sweeps may have left that agree, by the last one's change.
+
+    What was computed before the torn signals is off by a part of it: in a loop of two integrators by as
+    much as half a sweep brings.
+    """
+    share = math.sqrt(min(ratio, 1.0)) if turn > 0 else 1.0
+    return min(change * share, tolerance)

@@ -10,7 +10,24 @@ from __future__ import annotations
 import math
 
 from hybrid.engine.arrays import Floats
-from hybrid.engine.circuit import FIRST_PIECE, HIGH, LAG, LOW, OWNER, Circuit
+from hybrid.engine.circuit import (
+    AT,
+    C0,
+    C1,
+    C2,
+    END_PIECE,
+    FIRST_PIECE,
+    GAIN,
+    HIGH,
+    LAG,
+    LOOPED,
+    LOW,
+    OF_INTEGRATOR,
+    OF_SUM,
+    OWNER,
+    ROLE,
+    Circuit,
+)
 from hybrid.engine.compiling import compiled
 from hybrid.engine.nodes import Nodes, slope_at
 from hybrid.engine.sweep import (
@@ -29,6 +46,8 @@ from hybrid.engine.sweep import (
     State,
 )
 
+# Neighbouring pieces that differ by more where one passes into the other make a jump.
+JUMP_MU = 1e-9
 # So many events of one corner within so many of the shortest lag are chatter.
 CHATTER_EVENTS = 64
 CHATTER_LAGS = 4.0
@@ -49,14 +68,42 @@ SHARE_OF_LAG = 0.1
 
 @compiled
 def chatters(circuit: Circuit, recent: Floats, corner: int, now_s: float) -> bool:
-    """Whether a corner has had too many events without getting on; `recent`: since when, how many."""
+    """Whether a corner has had too many events without getting on; `recent`: since when, how many.
+
+    What is driven to and fro from outside, however fast, gets on.
+    """
     span = CHATTER_S
-    if circuit.taus_s.shape[0] > 0:
+    if circuit.taus_s.shape[0] > 0 and drives_itself(circuit, corner):
         span = max(span, CHATTER_LAGS * circuit.taus_s[0])
     if now_s - recent[corner, 0] > span:
         recent[corner, 0], recent[corner, 1] = now_s, 0.0
     recent[corner, 1] += 1.0
     return bool(recent[corner, 1] > CHATTER_EVENTS)
+
+
+@compiled
+def drives_itself(circuit: Circuit, corner: int) -> bool:
+    """Whether a change of this corner makes its element jump, and the jump comes back to it."""
+    return bool(circuit.corners[corner, LOOPED] > 0 and jumps(circuit, corner))
+
+
+@compiled
+def jumps(circuit: Circuit, corner: int) -> bool:
+    """Whether neighbouring pieces of a corner differ where the first is left; an integrator's stop
+    changes nothing at once."""
+    corners, pieces = circuit.corners, circuit.pieces
+    size = 1.0  # what a sum makes may be in SI units
+    if corners[corner, ROLE] == OF_INTEGRATOR:
+        return False
+    if corners[corner, ROLE] == OF_SUM:
+        size = abs(circuit.figures[corners[corner, OWNER], GAIN])
+    for p in range(corners[corner, FIRST_PIECE], corners[corner, END_PIECE] - 1):
+        x, y = pieces[p, HIGH] - pieces[p, AT], pieces[p, HIGH] - pieces[p + 1, AT]
+        before = pieces[p, C0] + x * (pieces[p, C1] + x * pieces[p, C2])
+        after = pieces[p + 1, C0] + y * (pieces[p + 1, C1] + y * pieces[p + 1, C2])
+        if abs(after - before) * size > JUMP_MU:
+            return True
+    return False
 
 
 @compiled

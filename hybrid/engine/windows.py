@@ -7,6 +7,7 @@ that the circuit saw, also between instants.
 
 from __future__ import annotations
 
+import math
 import threading
 from collections import OrderedDict
 
@@ -16,7 +17,7 @@ from hybrid.elements import INPUT
 from hybrid.engine import kernel
 from hybrid.engine.arrays import Floats, Plant, Score, State
 from hybrid.engine.calls import Calls
-from hybrid.engine.circuit import Builder
+from hybrid.engine.circuit import SOURCE, Builder
 from hybrid.engine.corners import new_log
 from hybrid.engine.interplay import (
     Clock,
@@ -27,8 +28,9 @@ from hybrid.engine.interplay import (
     settle_loops,
 )
 from hybrid.engine.linear import Overload, Player
+from hybrid.engine.lost import Lost, runaway, tails, unresolved
 from hybrid.engine.nodes import RESOLUTION, Shelf, new_shelf, nodes
-from hybrid.engine.noise import Noise, new_noise
+from hybrid.engine.noise import SHARE_OF_NOISE, Noise, new_noise
 from hybrid.engine.relaxation import (
     advance,
     no_pen,
@@ -154,7 +156,29 @@ class CircuitPlayer(Player):
     @property
     def engine_error(self) -> float | None:
         """What the ends of the windows have gathered, of full scale, were nothing magnified."""
-        return float(self.side.state.clock[SUM_OF_ERRORS])
+        smooth = float(self.side.state.clock[SUM_OF_ERRORS])
+        squares = float(self.noise.truth.clock[SUM_OF_ERRORS]) if self.noise else 0.0
+        return smooth + math.sqrt(squares)
+
+    @property
+    def coarse_by(self) -> str:
+        """The loudest part, where windows are resolved only as well as its noise asks for."""
+        circuit = self.side.circuit
+        if not self.noise or SHARE_OF_NOISE * circuit.grain <= RESOLUTION:
+            return ""
+        loudest = circuit.noisy[np.argmax(circuit.noise), SOURCE]
+        return str(self.names[loudest]).partition(":")[0]
+
+    @property
+    def lost(self) -> Lost | None:
+        """Which signal the run was lost by: of the true ones, where these were."""
+        circuit, grid = self.side.circuit, self.side.grid
+        states = (self.noise.truth, self.side.state) if self.noise else (self.side.state,)
+        if self.outcome == kernel.NOT_RESOLVED:
+            worst = max(states, key=lambda state: float(tails(circuit, grid, state).max()))
+            return unresolved(circuit, self.names, grid, worst)
+        found = (runaway(circuit, self.names, state.start) for state in states)
+        return next((one for one in found if one), None) or self._farthest()
 
     def remarks(self) -> tuple[str, ...]:
         """Parts that chatter, and those that saturate unseen."""
