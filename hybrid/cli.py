@@ -12,7 +12,7 @@ import argparse
 import functools
 import json
 import sys
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -134,15 +134,14 @@ def _run(options: argparse.Namespace, filing: Filing) -> int:
     filing.write(result.parts(), result.readouts, modes, stem, pens)
     if not options.json:
         import hybrid.show  # noqa: F401  # takes half as long as drawing, so meanwhile
-    files = filing.written()
+    from hybrid.storage import PlainRecord
+
+    writers = [filing.written]
     if options.xy:
-        from hybrid.storage import PlainRecord
-
-        files += save_plots(PlainRecord(result.parts()), pairs, stem)
+        writers.append(lambda: save_plots(PlainRecord(result.parts()), pairs, stem))
     if options.scope:
-        from hybrid.storage import PlainRecord
-
-        files += save_screens(PlainRecord(result.parts()), screens, stem)
+        writers.append(lambda: save_screens(PlainRecord(result.parts()), screens, stem))
+    files, failure = _files_of(writers)
     if options.json:
         from hybrid.workload import to_dicts
 
@@ -169,7 +168,25 @@ def _run(options: argparse.Namespace, filing: Filing) -> int:
         from hybrid.show import show_run
 
         show_run(console(), result, prediction, files)
+    if failure:
+        raise failure  # the answer has been given
     return {"complete": 0, "stopped": EXIT_STOPPED}.get(result.status, EXIT_INTERRUPTED)
+
+
+def _files_of(writers: Sequence[Callable[[], list[str]]]) -> tuple[list[str], HybridError | None]:
+    """Let each write its files; those that are there, and why there are no more.
+
+    What was computed must be told, be there room for its files or not.
+    """
+    from hybrid.storage import NotWritten
+
+    files: list[str] = []
+    for write in writers:
+        try:
+            files += write()
+        except NotWritten as error:
+            return [*files, *error.before], error
+    return files, None
 
 
 def _prediction(machine: Machine) -> Prediction | str:
@@ -245,33 +262,43 @@ def sweep_command(options: argparse.Namespace) -> int:
             progress=progress,
         )
         interrupts.ignore()
-    files = _written(options, result, out, _sweep_charts)
+    files, failure = _written(options, result, out, _sweep_charts)
     if not options.json:
         from hybrid.show import show_sweep
 
         show_sweep(console(), result, files)
-    return _exit_of(result)
+    return _exit_of(result, failure)
 
 
 def _written(
     options: argparse.Namespace, result: Sweep | Batch, out: Path, charts: Charts
-) -> list[str]:
-    """Write the data and the charts of many runs, and print them if JSON is asked for; the files."""
+) -> tuple[list[str], HybridError | None]:
+    """Write the data and the charts of many runs, and print them if JSON is asked for.
+
+    Returns the files, and why there are no more.
+    """
     from hybrid.storage import write_dataset
 
     if not result.points:
         raise KeyboardInterrupt
-    write_dataset(result.dataset, out)
-    files = [str(out)]
+
+    def data() -> list[str]:
+        write_dataset(result.dataset, out)
+        return [str(out)]
+
+    writers = [data]
     if not options.no_chart:
-        files += charts(result, out.with_suffix(".png"))
+        writers.append(lambda: charts(result, out.with_suffix(".png")))
+    files, failure = _files_of(writers)
     if options.json:
         print_json(**result.to_dict(), files=files)
-    return files
+    return files, failure
 
 
-def _exit_of(result: Sweep | Batch) -> int:
-    """Exit code of many runs."""
+def _exit_of(result: Sweep | Batch, failure: HybridError | None) -> int:
+    """Exit code of many runs; raises what kept a file from being written, the answer being given."""
+    if failure:
+        raise failure
     if result.status != "complete":
         return EXIT_INTERRUPTED
     return EXIT_STOPPED if any(p.status == "failed" for p in result.points) else 0
@@ -302,12 +329,12 @@ def batch_command(options: argparse.Namespace) -> int:
             progress=progress,
         )
         interrupts.ignore()
-    files = _written(options, result, out, _ensemble_chart)
+    files, failure = _written(options, result, out, _ensemble_chart)
     if not options.json:
         from hybrid.show import show_batch
 
         show_batch(console(), result, files)
-    return _exit_of(result)
+    return _exit_of(result, failure)
 
 
 def _ensemble_chart(result: Batch, path: Path) -> list[str]:

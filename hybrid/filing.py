@@ -100,8 +100,11 @@ def write_files(
     chart: bool,
     pens: Sequence[str] | None = None,
 ) -> list[str]:
-    """Write the record and the strip chart; each file appears whole or not at all."""
-    from hybrid.storage import PlainRecord, write_parts, write_whole
+    """Write the record and the strip chart; each file appears whole or not at all.
+
+    Raises NotWritten, also of a chart, with the record that was.
+    """
+    from hybrid.storage import NotWritten, PlainRecord, write_parts, write_whole
 
     record_file = stem.with_name(stem.name + ".nc")
     write_parts(parts, record_file)
@@ -111,7 +114,11 @@ def write_files(
 
     figure = strip_chart(PlainRecord(parts), readouts, prediction, signals=pens)
     chart_file = stem.with_name(stem.name + ".png")
-    write_whole(chart_file, lambda part: save(figure, part))
+    try:
+        write_whole(chart_file, lambda part: save(figure, part))
+    except NotWritten as error:
+        error.before = (str(record_file),)
+        raise
     return [str(record_file), str(chart_file)]
 
 

@@ -20,6 +20,12 @@ if TYPE_CHECKING:
 Parts = tuple[dict[str, Any], dict[str, Any], dict[str, Any]]
 
 
+class NotWritten(RunError):
+    """A file that could not be written; `before`: those of the same answer that were."""
+
+    before: tuple[str, ...] = ()
+
+
 class PlainSignal:
     """Values and attributes of one variable, read like those of an xarray.Dataset."""
 
@@ -42,7 +48,7 @@ class PlainRecord:
 def write_parts(parts: Parts, path: Path) -> None:
     """Write a record as NetCDF, just as xarray would but without loading it; whole or not at all.
 
-    Raises RunError where it cannot.
+    Raises NotWritten where it cannot.
     """
     import netCDF4
 
@@ -58,16 +64,26 @@ def write_parts(parts: Parts, path: Path) -> None:
                 made.setncatts(about)
             file.setncatts(attributes)
 
-    write_whole(path, write)
+    write_whole(path, lambda part: _told_of_the_disk(lambda: write(part)))
 
 
 def write_dataset(dataset: xr.Dataset, path: Path) -> None:
-    """Write NetCDF; the file appears whole or not at all. Raises RunError where it cannot."""
-    write_whole(path, lambda part: dataset.to_netcdf(part, engine="netcdf4"))
+    """Write NetCDF; the file appears whole or not at all. Raises NotWritten where it cannot."""
+    write_whole(
+        path, lambda part: _told_of_the_disk(lambda: dataset.to_netcdf(part, engine="netcdf4"))
+    )
+
+
+def _told_of_the_disk(write: Callable[[], Any]) -> None:
+    """NetCDF's library says no more than that something went wrong: as a rule, there is no room."""
+    try:
+        write()
+    except RuntimeError as error:
+        raise OSError(f"{error}; is there room?") from None
 
 
 def write_whole(path: Path, write: Callable[[str], Any]) -> None:
-    """Call `write(name)` for a file beside `path`, then put it in place."""
+    """Call `write(name)` for a file beside `path`, then put it in place; raises NotWritten."""
     part = ""
     try:
         handle, part = tempfile.mkstemp(suffix=path.suffix, prefix=".hybrid-", dir=path.parent)
@@ -78,7 +94,7 @@ def write_whole(path: Path, write: Callable[[str], Any]) -> None:
         os.chmod(part, 0o666 & ~umask)
         os.replace(part, path)
     except OSError as error:
-        raise RunError(f"cannot write {path}: {error.strerror or error}") from None
+        raise NotWritten(f"cannot write {path}: {error.strerror or error}") from None
     finally:
         if os.path.exists(part):
             os.unlink(part)

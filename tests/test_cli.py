@@ -685,6 +685,23 @@ def test_a_full_disk(module: str) -> None:
     assert done.stderr == b"hybrid: cannot write the answer: No space left on device\n"
 
 
+@pytest.mark.parametrize(("blocks", "kept"), [(2, []), (140, ["out/short.nc"])])
+def test_no_room_for_the_files(blocks: int, kept: list[str]) -> None:
+    """Blocks of 512 or 1024 bytes: a record of 50 rows has few of them, its chart more than 100 kB."""
+    short = PATCH.replace("until: 2 s}", "until: 0.5 s, every: 10 ms}")
+    Path("short.yaml").write_text(short, encoding="utf-8")
+    limited = ["sh", "-c", f'ulimit -f {blocks}; exec "$@"', "sh"]
+    called = command("run", "short.yaml", "--json")
+    done = subprocess.run([*limited, *called], capture_output=True, timeout=HANGS_S, check=False)
+    assert done.returncode == 2
+    lost = "out/short.png" if kept else "out/short.nc"
+    assert done.stderr.decode().startswith(f"hybrid: cannot write {lost}: ")
+    assert done.stderr.count(b"\n") == 1
+    found = json.loads(done.stdout)
+    assert found["files"] == kept and found["readouts"]["mode"]["omega"] > 0
+    assert [str(file) for file in Path("out").iterdir()] == kept
+
+
 @pytest.mark.parametrize("arguments", [["list"], ["check", "loop.yaml"], ["list", "--json"]])
 def test_a_closed_output(arguments: list[str]) -> None:
     shell = ["sh", "-c", 'exec "$@" >&-', "sh", *command(*arguments)]

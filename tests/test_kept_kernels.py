@@ -6,6 +6,7 @@ import shutil
 from pathlib import Path
 
 from hybrid.engine import kernel
+from hybrid.engine.compiling import kept_in
 
 ENGINE = Path(kernel.__file__).parent
 DECORATORS = {"compiled", "allocating", "inlined", "strictly", "strictly_alike"}
@@ -64,3 +65,13 @@ def test_kernels_older_than_a_source_are_removed(tmp_path, monkeypatch):
     os.utime(folder.parent / kernel.SOURCES[-1], (later, later))
     kernel.forget_stale_kernels()
     assert not index.exists()
+
+
+def test_kernels_of_an_installed_package_lie_beside_it(tmp_path):
+    """Within it they would outlive it: pip removes what it brought, and the rest hides a checkout."""
+    installed = tmp_path / "site-packages" / "hybrid"
+    assert kept_in(installed) == tmp_path / "site-packages" / "hybrid-kernels"
+    (tmp_path / "checkout").mkdir()
+    (tmp_path / "checkout" / "pyproject.toml").touch()
+    assert kept_in(tmp_path / "checkout" / "hybrid") is None
+    assert kept_in(ENGINE.parent) is None

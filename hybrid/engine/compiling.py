@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from pathlib import Path
 from typing import Any, TypeVar
 
 import numba
@@ -35,6 +37,31 @@ class _KeptAllocating(_Kept):
     needs_runtime = True
 
 
+PACKAGE = Path(__file__).parent.parent
+
+
+def kept_in(package: Path) -> Path | None:
+    """The folder for what is compiled; None for numba's own choice, the package's __pycache__.
+
+    That does for a checkout. Where the package is installed, pip would leave such files behind when it
+    removes or replaces it, and Python would take the folders around them for an empty package.
+    """
+    if (package.parent / "pyproject.toml").exists():
+        return None
+    return package.parent / f"{package.name}-kernels"
+
+
+@contextmanager
+def _kept_beside_the_package() -> Iterator[None]:
+    """numba asks where to keep a function when its cache is made; who has said so is heard."""
+    said: Any = numba.config.CACHE_DIR  # type: ignore[attr-defined]
+    numba.config.CACHE_DIR = said or str(kept_in(PACKAGE) or "")  # type: ignore[attr-defined]
+    try:
+        yield
+    finally:
+        numba.config.CACHE_DIR = said  # type: ignore[attr-defined]
+
+
 _COMMON: dict[str, Any] = {"nogil": True, "error_model": "numpy"}
 _FUSED: dict[str, Any] = {**_COMMON, "fastmath": {"contract"}}
 
@@ -44,7 +71,8 @@ def _njit(function: Any, cache: type[_Kept] = _Kept, **settings: Any) -> Any:
     njit: Any = numba.njit  # its types do not know `_nrt`
     made = njit(**settings, _nrt=cache.needs_runtime)(function)
     if hasattr(made, "enable_caching"):  # numba may be told not to compile
-        made._cache = cache(function)
+        with _kept_beside_the_package():
+            made._cache = cache(function)
     return made
 
 
