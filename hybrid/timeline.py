@@ -326,7 +326,8 @@ def _clock_events(machine: Machine, until: int) -> int:
     if timing.tasks:
         served = collections.Counter(s.task for s in machine.samplers for _ in range(2))
         served.update(h.task for h in machine.holders)
-        return rows + sum((2 + served[i]) * (until // t.period) for i, t in enumerate(timing.tasks))
+        clocked = [(i, task.period) for i, task in enumerate(timing.tasks) if task.period]
+        return rows + sum((2 + served[i]) * (until // period) for i, period in clocked)
     per_cycle = 3 + 2 * len(machine.samplers) + len(machine.holders)
     return rows + per_cycle * (until // timing.period if timing.period else 0)
 
