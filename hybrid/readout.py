@@ -23,6 +23,7 @@ FASTEST_DECAY = 3.5  # 1/row: the next row holds 3 % of what was there
 RESTING_STEPS = 8.0  # steps of a converter
 SHORTEST_RAD = 0.3  # omega times the length of the record; a parabola does as well below
 LARGEST_ERROR = 0.15  # of omega, and of zeta or 1, whichever is larger; beyond it, no answer
+MOST_ERRORS = 4.0  # by which the square of the damped frequency may be off
 LARGEST_MISFIT = 0.02  # share of the sum of squares that correlated residuals may hold
 SINGLE_POLE_GAIN = 25.0  # fall of the sum of squares, in variances, that proves a second pole
 
@@ -234,11 +235,7 @@ def _single_rate(mode: Mode) -> float | None:
 
 
 def _errors(mode: Mode) -> Errors:
-    """Standard deviations of omega (1/row), of zeta and of the damped frequency (1/row).
-
-    To first order; but the damped frequency is the root of -d, which has no slope at d = 0, so its
-    error is the distance to the root of -d and one standard deviation more.
-    """
+    """Standard deviations of omega (1/row), of zeta and of the damped frequency (1/row)."""
     sigma, a0 = mode.poles
     omega = math.sqrt(a0)
     covariance = mode.fit.covariance * mode.variance
@@ -256,14 +253,27 @@ def _errors(mode: Mode) -> Errors:
         scatter = np.sqrt(np.abs(np.sum((slopes @ covariance) * slopes, axis=1)))
         errors += np.maximum(0.0, np.abs(slopes @ (poles - mode.fit.poles)) - 3.0 * scatter)
     omega_error, zeta_error, square_error = (float(error) for error in errors)
-    square = a0 - sigma * sigma
-    damped = math.sqrt(max(0.0, square))
-    above = math.sqrt(max(0.0, square + square_error))
     return (
         omega_error + EPS * omega,
         zeta_error + EPS * max(1.0, abs(sigma) / omega),
-        (square_error / (above + damped) + EPS * omega) if square > 0.0 else above,
+        _root_error(a0 - sigma * sigma, square_error) + EPS * omega,
     )
+
+
+def _root_error(square: float, error: float) -> float:
+    """Error of sqrt(max(0, square)), which has no slope at 0, from the standard deviation of its square.
+
+    A truth k errors of the square away is at most k of these away, for any k from 1 to MOST_ERRORS.
+    """
+    if square + MOST_ERRORS * error <= 0.0:
+        return 0.0
+    if square <= 0.0:  # the largest of sqrt(square + k error) / k, at k = -2 square / error
+        k = min(max(1.0, -2.0 * square / error), MOST_ERRORS)
+        return math.sqrt(square + k * error) / k
+    root = math.sqrt(square)
+    k = min(max(1.0, square / error), MOST_ERRORS) if error > 0.0 else 1.0
+    below = (root - math.sqrt(max(0.0, square - k * error))) / k
+    return max(below, error / (math.sqrt(square + error) + root))
 
 
 def _answer(
