@@ -105,7 +105,7 @@ def measure_transient(values: ArrayLike, interval_s: float, *, start_s: float = 
     kind, reason = _verdict(mode, interval_s)
     if reason:
         return _no_answer(reason, mode.rows_used, kind)
-    errors = _errors(mode)
+    errors = _errors(mode, mean)
     if _too_large(errors, mode):
         reason = "the mode is too uncertain in the noise, or too little of it is in the record"
         return _no_answer(reason, mode.rows_used, kind)
@@ -234,15 +234,18 @@ def _single_rate(mode: Mode) -> float | None:
     return float(single.poles[0]) * (-1.0 if mode.backward else 1.0)
 
 
-def _errors(mode: Mode) -> Errors:
-    """Standard deviations of omega (1/row), of zeta and of the damped frequency (1/row)."""
+def _errors(mode: Mode, mean: float) -> Errors:
+    """Standard deviations of omega (1/row), of zeta and of the damped frequency (1/row).
+
+    mean: what was subtracted from the rows.
+    """
     sigma, a0 = mode.poles
     omega = math.sqrt(a0)
     covariance = mode.fit.covariance * mode.variance
     drift = drift_covariance(mode) if mode.is_noisy() else None
     if drift is not None:  # a walk explains the correlation; it need not be counted twice
         covariance = mode.fit.covariance * mode.deviation**2 + drift
-    covariance = covariance + mode.fit.rounding(mode.record)
+    covariance = covariance + mode.fit.rounding(mode.record, mean)
     slopes = np.array(
         [[0.0, 0.5 / omega], [-1.0 / omega, 0.5 * sigma / omega**3], [-2.0 * sigma, 1.0]]
     )
