@@ -9,7 +9,7 @@ from dataclasses import dataclass, fields
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from hybrid._modal_drift import drift_covariance
+from hybrid._modal_drift import mode_noise
 from hybrid._modal_fit import EPS, mode_functions, refine, straight_line_misfit
 from hybrid._modal_search import FEWEST_ROWS, Mode, find_mode
 
@@ -77,9 +77,10 @@ def measure_transient(values: ArrayLike, interval_s: float, *, start_s: float = 
     `hybrid._modal_fit`). Rows at either end that never change are left out, and so are first rows
     that hold a faster mode besides. The errors allow for noise that kicks the mode itself and
     cannot be told from noise of the rows (see `hybrid._modal_drift`), so they are too large, by 1.8 on
-    the average, for an undamped mode whose rows alone are noisy. Where that noise cannot be judged, the
-    errors in the rows are taken for independent and equal in size; where the residuals are correlated,
-    the errors are enlarged to match.
+    the average, for an undamped mode whose rows alone are noisy (by 2 to 3.5 in coloured noise). They
+    cover a second mode close by whose beat bends visibly in a record of two cycles or more. Where that
+    noise cannot be judged, the errors in the rows are taken for independent and equal in size; where the
+    residuals are correlated, the errors are enlarged to match.
 
     Raises ValueError if `values` is not one-dimensional, or the times are not finite, or negative,
     or the interval is zero. A record without an answer raises nothing: see `Transient.reason`.
@@ -242,9 +243,9 @@ def _errors(mode: Mode, mean: float) -> Errors:
     sigma, a0 = mode.poles
     omega = math.sqrt(a0)
     covariance = mode.fit.covariance * mode.variance
-    drift = drift_covariance(mode) if mode.is_noisy() else None
-    if drift is not None:  # a walk explains the correlation; it need not be counted twice
-        covariance = mode.fit.covariance * mode.deviation**2 + drift
+    noise = mode_noise(mode) if mode.is_noisy() else None
+    if noise is not None:  # it explains the correlation, which need not be counted twice
+        covariance = mode.fit.covariance * noise.level + noise.drift
     covariance = covariance + mode.fit.rounding(mode.record, mean)
     slopes = np.array(
         [[0.0, 0.5 / omega], [-1.0 / omega, 0.5 * sigma / omega**3], [-2.0 * sigma, 1.0]]
@@ -252,7 +253,8 @@ def _errors(mode: Mode, mean: float) -> Errors:
     errors = np.sqrt(np.abs(np.sum((slopes @ covariance) * slopes, axis=1)))
     if mode.weak_part is not None:
         poles, covariance = mode.weak_part
-        covariance = covariance if drift is None else covariance + 2.0 * drift
+        if noise is not None:
+            covariance = covariance * (noise.level / mode.deviation**2) + 2.0 * noise.drift
         scatter = np.sqrt(np.abs(np.sum((slopes @ covariance) * slopes, axis=1)))
         errors += np.maximum(0.0, np.abs(slopes @ (poles - mode.fit.poles)) - 3.0 * scatter)
     omega_error, zeta_error, square_error = (float(error) for error in errors)
