@@ -236,10 +236,7 @@ def _single_rate(mode: Mode) -> float | None:
 
 
 def _errors(mode: Mode, mean: float) -> Errors:
-    """Standard deviations of omega (1/row), of zeta and of the damped frequency (1/row).
-
-    mean: what was subtracted from the rows.
-    """
+    """Standard deviations of omega, zeta and damped frequency, per row; `mean` was taken off rows."""
     sigma, a0 = mode.poles
     omega = math.sqrt(a0)
     covariance = mode.fit.covariance * mode.variance
