@@ -300,13 +300,15 @@ class Fit:
             rss=float(residual @ residual),
         )
 
-    def rounding(self, record: Condensed) -> Array:
+    def rounding(self, record: Condensed, mean: float = 0.0) -> Array:
         """Covariance (poles, poles) that rows bring about of which each is rounded by itself.
 
         Rows of a growing record are rounded in proportion to what they hold; one variance for all would
-        be that of the many small ones.
+        be that of the many small ones. mean: what was subtracted once the rows had been rounded with it,
+        to the nearest, so with a standard deviation of EPS / sqrt(12) of it at most.
         """
-        deviation = EPS * (np.abs(record.data) + abs(float(self.weights[-1])) * record.ones)
+        own = np.abs(record.data) + abs(float(self.weights[-1])) * record.ones
+        deviation = EPS * np.hypot(own, mean / math.sqrt(12.0))
         moved = self.covariance @ (self.tangents * deviation)
         return np.asarray(moved @ moved.T)
 

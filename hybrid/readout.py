@@ -9,7 +9,7 @@ from dataclasses import dataclass, fields
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from hybrid._modal_drift import drift_covariance
+from hybrid._modal_drift import mode_noise
 from hybrid._modal_fit import EPS, mode_functions, refine, straight_line_misfit
 from hybrid._modal_search import FEWEST_ROWS, Mode, find_mode
 
@@ -23,6 +23,7 @@ FASTEST_DECAY = 3.5  # 1/row: the next row holds 3 % of what was there
 RESTING_STEPS = 8.0  # steps of a converter
 SHORTEST_RAD = 0.3  # omega times the length of the record; a parabola does as well below
 LARGEST_ERROR = 0.15  # of omega, and of zeta or 1, whichever is larger; beyond it, no answer
+MOST_ERRORS = 4.0  # by which the square of the damped frequency may be off
 LARGEST_MISFIT = 0.02  # share of the sum of squares that correlated residuals may hold
 SINGLE_POLE_GAIN = 25.0  # fall of the sum of squares, in variances, that proves a second pole
 
@@ -76,9 +77,10 @@ def measure_transient(values: ArrayLike, interval_s: float, *, start_s: float = 
     `hybrid._modal_fit`). Rows at either end that never change are left out, and so are first rows
     that hold a faster mode besides. The errors allow for noise that kicks the mode itself and
     cannot be told from noise of the rows (see `hybrid._modal_drift`), so they are too large, by 1.8 on
-    the average, for an undamped mode whose rows alone are noisy. Where that noise cannot be judged, the
-    errors in the rows are taken for independent and equal in size; where the residuals are correlated,
-    the errors are enlarged to match.
+    the average, for an undamped mode whose rows alone are noisy (by 2 to 3.5 in coloured noise). They
+    cover a second mode close by whose beat bends visibly in a record of two cycles or more. Where that
+    noise cannot be judged, the errors in the rows are taken for independent and equal in size; where the
+    residuals are correlated, the errors are enlarged to match.
 
     Raises ValueError if `values` is not one-dimensional, or the times are not finite, or negative,
     or the interval is zero. A record without an answer raises nothing: see `Transient.reason`.
@@ -104,7 +106,7 @@ def measure_transient(values: ArrayLike, interval_s: float, *, start_s: float = 
     kind, reason = _verdict(mode, interval_s)
     if reason:
         return _no_answer(reason, mode.rows_used, kind)
-    errors = _errors(mode)
+    errors = _errors(mode, mean)
     if _too_large(errors, mode):
         reason = "the mode is too uncertain in the noise, or too little of it is in the record"
         return _no_answer(reason, mode.rows_used, kind)
@@ -233,37 +235,47 @@ def _single_rate(mode: Mode) -> float | None:
     return float(single.poles[0]) * (-1.0 if mode.backward else 1.0)
 
 
-def _errors(mode: Mode) -> Errors:
-    """Standard deviations of omega (1/row), of zeta and of the damped frequency (1/row).
-
-    To first order; but the damped frequency is the root of -d, which has no slope at d = 0, so its
-    error is the distance to the root of -d and one standard deviation more.
-    """
+def _errors(mode: Mode, mean: float) -> Errors:
+    """Standard deviations of omega, zeta and damped frequency, per row; `mean` was taken off rows."""
     sigma, a0 = mode.poles
     omega = math.sqrt(a0)
     covariance = mode.fit.covariance * mode.variance
-    drift = drift_covariance(mode) if mode.is_noisy() else None
-    if drift is not None:  # a walk explains the correlation; it need not be counted twice
-        covariance = mode.fit.covariance * mode.deviation**2 + drift
-    covariance = covariance + mode.fit.rounding(mode.record)
+    noise = mode_noise(mode) if mode.is_noisy() else None
+    if noise is not None:  # it explains the correlation, which need not be counted twice
+        covariance = mode.fit.covariance * noise.level + noise.drift
+    covariance = covariance + mode.fit.rounding(mode.record, mean)
     slopes = np.array(
         [[0.0, 0.5 / omega], [-1.0 / omega, 0.5 * sigma / omega**3], [-2.0 * sigma, 1.0]]
     )
     errors = np.sqrt(np.abs(np.sum((slopes @ covariance) * slopes, axis=1)))
     if mode.weak_part is not None:
         poles, covariance = mode.weak_part
-        covariance = covariance if drift is None else covariance + 2.0 * drift
+        if noise is not None:
+            covariance = covariance * (noise.level / mode.deviation**2) + 2.0 * noise.drift
         scatter = np.sqrt(np.abs(np.sum((slopes @ covariance) * slopes, axis=1)))
         errors += np.maximum(0.0, np.abs(slopes @ (poles - mode.fit.poles)) - 3.0 * scatter)
     omega_error, zeta_error, square_error = (float(error) for error in errors)
-    square = a0 - sigma * sigma
-    damped = math.sqrt(max(0.0, square))
-    above = math.sqrt(max(0.0, square + square_error))
     return (
         omega_error + EPS * omega,
         zeta_error + EPS * max(1.0, abs(sigma) / omega),
-        (square_error / (above + damped) + EPS * omega) if square > 0.0 else above,
+        _root_error(a0 - sigma * sigma, square_error) + EPS * omega,
     )
+
+
+def _root_error(square: float, error: float) -> float:
+    """Error of sqrt(max(0, square)), which has no slope at 0, from the standard deviation of its square.
+
+    A truth k errors of the square away is at most k of these away, for any k from 1 to MOST_ERRORS.
+    """
+    if square + MOST_ERRORS * error <= 0.0:
+        return 0.0
+    if square <= 0.0:  # the largest of sqrt(square + k error) / k, at k = -2 square / error
+        k = min(max(1.0, -2.0 * square / error), MOST_ERRORS)
+        return math.sqrt(square + k * error) / k
+    root = math.sqrt(square)
+    k = min(max(1.0, square / error), MOST_ERRORS) if error > 0.0 else 1.0
+    below = (root - math.sqrt(max(0.0, square - k * error))) / k
+    return max(below, error / (math.sqrt(square + error) + root))
 
 
 def _answer(
