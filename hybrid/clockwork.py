@@ -25,7 +25,7 @@ import functools
 import itertools
 import math
 from collections.abc import Generator, Iterable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from enum import IntEnum
 from typing import Any
 
@@ -86,6 +86,36 @@ def cycle_events(cycles: Cycles, until: int) -> list[Event]:
         cycles.dacs,
     )
     return sorted((at * unit, kind, index) for at, kind, index in _simulated(told, until // unit))
+
+
+class CycleClock:
+    """One program from t = 0 on, as far as it has been run; `log` grows with it, like a Processor's.
+
+    Every cycle does what the first does, a period later; none overruns, so there is nothing to note.
+    """
+
+    stopped: None = None
+
+    def __init__(self, cycles: Cycles) -> None:
+        """Nothing has happened yet; rows are not its business."""
+        self.log: list[Event] = []
+        self.notes: list[Any] = []
+        self._period, self._now = cycles.period, 0
+        longest = cycles.compute + max(map(sum, cycles.channels), default=0)
+        alone = replace(
+            cycles, period=longest + 1, every=0
+        )  # so late that one cycle is all there is
+        self._pattern = cycle_events(alone, longest)
+
+    def run(self, until: int) -> None:
+        """Go on to the instant `until`, of which nothing is done yet."""
+        period, found = self._period, []
+        for offset, kind, index in self._pattern:
+            first = max(-((offset - self._now) // period), 0)
+            end = -((offset - until) // period)
+            found += [(k * period + offset, kind, index) for k in range(first, end)]
+        self.log += sorted(found)
+        self._now = max(self._now, until)
 
 
 @functools.lru_cache(maxsize=8)

@@ -10,7 +10,7 @@ import functools
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 
-from hybrid.clockwork import Event
+from hybrid.clockwork import Cycles, Event
 from hybrid.errors import PatchError
 from hybrid.machine import Machine, utilisation
 from hybrid.processor import MOST_BEHIND, Duty, FallsBehind, Note, Processor, TaskClock
@@ -48,6 +48,13 @@ def duty_of(machine: Machine) -> Duty:
             )
         )
     return Duty(tuple(tasks), machine.timing.preemptive)
+
+
+def cycles_of(machine: Machine) -> Cycles:
+    """The clock of a machine's one program, and of the record."""
+    timing = machine.timing
+    channels = tuple((s.delay_ticks, s.conversion_ticks) for s in machine.samplers)
+    return Cycles(timing.period, timing.compute, timing.every, channels, len(machine.holders))
 
 
 def rota_until(machine: Machine, until: int) -> Rota:

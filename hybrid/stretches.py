@@ -1,9 +1,9 @@
 """A timeline that never repeats, laid out stretch by stretch as the run comes to it.
 
-Stage 3, for tasks whose clocks are late by chance or come together too seldom, and for those that
-comparators start: memory holds one stretch, however long the run is. Where no comparator does, a stretch
-ends at an event, so that no interval between events is parted: the run has the same bits however it is
-laid out. The lateness of every task is drawn from a random stream of its own
+Stage 3, for tasks whose clocks are late by chance, for those that comparators start, and for all whose
+clocks and rows come together too seldom: memory holds one stretch, however long the run is. Where no
+comparator does, a stretch ends at an event, so that no interval between events is parted: the run has
+the same bits however it is laid out. The lateness of every task is drawn from a random stream of its own
 by the run's seed, and does not depend on anything that is played.
 
 A comparator is located while the run plays. Then the processor goes back to where it was at the start of
@@ -19,10 +19,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from hybrid.clockwork import Event, Happening, in_order
+from hybrid.clockwork import CycleClock, Event, Happening, in_order
 from hybrid.machine import Machine
 from hybrid.processor import MOST_BEHIND, FallsBehind, Lateness, Note, Processor, never_late
-from hybrid.rota import TaskReport, duty_of, fold, overrun_text, reports
+from hybrid.rota import TaskReport, cycles_of, duty_of, fold, overrun_text, reports
 from hybrid.streams import stream
 
 # Lateness is drawn in so many equal steps: intervals between events repeat, and so do their propagators.
@@ -71,7 +71,12 @@ class Stretches:
         self.machine = machine
         self.stopped: Note | None = None
         self.behind = False  # whether it stopped because a task had too many cycles waiting
-        self._processor = Processor(duty_of(machine), lateness(machine, seed))
+        tasks = machine.timing.tasks
+        self._processor: Processor | CycleClock = (
+            Processor(duty_of(machine), lateness(machine, seed))
+            if tasks
+            else CycleClock(cycles_of(machine))
+        )
         self._called = is_called(machine)
         self._before = self._processor  # as it was at the start of the stretch
         self._clock = machine.timing.period or machine.timing.every
@@ -108,6 +113,7 @@ class Stretches:
         if self._called:
             processor.log.clear()
             processor.notes.clear()
+            assert isinstance(processor, Processor)
             self._before = processor.copy()
         else:  # what it has done after the end of the last one is still to be played
             processor.log[:] = [event for event in processor.log if event[0] >= start]
@@ -115,6 +121,7 @@ class Stretches:
         try:
             processor.run(end + last)
         except FallsBehind as error:
+            assert isinstance(processor, Processor)
             processor.stopped = Note(processor.now, error.task, None)
             self.behind = True
         self.stopped = processor.stopped
@@ -139,9 +146,11 @@ class Stretches:
     def call(self, task: int, done: int, at: int) -> None:
         """A comparator starts a task at the tick `at`; up to the instant `done` all has been played."""
         if self._go_on is None:
+            assert isinstance(self._before, Processor)
             self._processor, self.stopped, self.behind = self._before, None, False
             self._processor.finish(done)
             self._done, self._notes = fold(self._done, self._processor.notes), []
+        assert isinstance(self._processor, Processor)
         self._processor.call(task, at)
         self._go_on = at, done + 1
 

@@ -15,13 +15,13 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from typing import NoReturn
 
-from hybrid.clockwork import Cycles, Event, Happening, cycle_events, in_order
+from hybrid.clockwork import Event, Happening, cycle_events, in_order
 from hybrid.errors import PatchError
 from hybrid.machine import Machine, StepEvent, Timing
 from hybrid.memo import KeptBySize
 from hybrid.modes import TIMED_MODE
 from hybrid.processor import Note
-from hybrid.rota import Rota, TaskReport, overrun_text, reports, rota_until, settled
+from hybrid.rota import Rota, TaskReport, cycles_of, overrun_text, reports, rota_until, settled
 from hybrid.scale import to_seconds
 from hybrid.stretches import CLOCKS, Stretches, never_repeats
 
@@ -98,16 +98,16 @@ class Timeline:
 def build_timeline(machine: Machine, seed: int = 0) -> Timeline:
     """Lay out the events of the machine's whole run; `seed` draws how late clocks are.
 
-    Tasks whose clocks do not come together soon enough are laid out as those that never do: stretch by
-    stretch, with the same events. Raises PatchError where the period of a program without tasks and what
-    else has a period have no common multiple and the run is too long to be laid out event by event.
+    What comes together too seldom, of tasks, of a program and of the record, is laid out as what never
+    does: stretch by stretch, with the same events. Raises PatchError where the periods of sources and of
+    the record have no common multiple and the run is too long to be laid out event by event.
     """
     if never_repeats(machine):
         return _piecemeal(machine, seed)
     try:
         return _kept.of([_clocks(machine)], lambda _: [_laid_out(machine)])[0]
     except _TooMuch:
-        if not machine.timing.tasks:
+        if not (machine.timing.tasks or machine.timing.period):
             raise
         return _piecemeal(machine, seed)
 
@@ -247,9 +247,7 @@ def _clock_log(machine: Machine, until: int) -> tuple[list[Event], tuple[Note, .
         taken = range(0, until + 1, timing.every) if timing.every else ()
         rows = [(tick, int(Happening.RECORD), 0) for tick in taken]
         return in_order([*rota.events, *rows]), rota.notes
-    channels = tuple((s.delay_ticks, s.conversion_ticks) for s in machine.samplers)
-    cycles = Cycles(timing.period, timing.compute, timing.every, channels, len(machine.holders))
-    return cycle_events(cycles, until), ()
+    return cycle_events(cycles_of(machine), until), ()
 
 
 @dataclass(frozen=True, slots=True)

@@ -234,10 +234,56 @@ def test_ticks_of_seconds_come_back(ticks):
     assert to_ticks(to_seconds(ticks)) == ticks
 
 
-def test_periods_without_common_multiple_are_refused_when_long(machine, shipped, compiled):
-    text = shipped("pitch_loop", ("until: 10 s", "until: 5000 s, every: 0.0009999999999 s"))
-    with pytest.raises(PatchError, match=r"come together only every .*make one a small multiple"):
+def test_sources_without_common_multiple_are_refused_when_long(compiled):
+    text = UNTIMED.replace("PERIOD", "0.9999999999 ms")
+    with pytest.raises(PatchError, match=r"period of .*make it, the record interval"):
         build_timeline(compiled(text))
+
+
+UNTIMED = """
+title: A wave beside rows that it never meets
+machine: ideal
+analog:
+  w: {square: 1, period: PERIOD, full_scale: 1}
+  x: {integrate: {w: 1}, initial: 0, full_scale: 1}
+run: {until: 5000 s, every: 1 ms}
+"""
+
+SELDOM = {  # period, compute, every, until, ADCs
+    "less than a period": (1000, 300, 997, 400_000, [(0, 0), (10, 100)]),
+    "several periods": (997, 2500, 1000, 400_000, [(0, 100)]),
+    "no time at all": (1009, 0, 499, 400_000, []),
+    "late samples": (1000, 1000, 701, 400_000, [(3000, 5), (0, 0)]),
+}
+
+
+@pytest.mark.parametrize("given", SELDOM.values(), ids=SELDOM)
+def test_a_program_whose_rows_seldom_meet_it_is_laid_out_in_stretches(machine, monkeypatch, given):
+    *times, adcs = given
+    timing = Timing(*times)
+    monkeypatch.setattr("hybrid.timeline.MOST_INTERVALS", 100)
+    monkeypatch.setattr("hybrid.timeline._kept", KeptBySize(10**6, lambda timeline: 1))
+    timeline = build_timeline(rewired(machine, timing, adcs=adcs, steps=[1234, 222_222]))
+    assert timeline.later is not None
+    assert (timeline.rows, timeline.cycles) == (
+        timing.until // timing.every + 1,
+        timing.until // timing.period,
+    )
+    events = list(timeline)
+    assert sum(kind == Happening.REST for _, kind, _ in events) > 10  # one a stretch
+    found = [event for event in events if event[1] != Happening.REST]
+    assert found == brute_force(timing, adcs, 1, [1234, 222_222])
+
+
+@pytest.mark.parametrize("name", ["ideal", "nominal"])
+def test_a_program_in_stretches_plays_the_same_bits(name, shipped, monkeypatch):
+    patch = parse_patch(shipped("pitch_loop", ("until: 10 s", "until: 1 s, every: 0.9997 ms")))
+    at_once = hybrid.run(patch, machine=name, seed=3)
+    monkeypatch.setattr("hybrid.timeline.MOST_INTERVALS", 200)
+    monkeypatch.setattr("hybrid.timeline._kept", KeptBySize(10**6, lambda timeline: 1))
+    in_stretches = hybrid.run(patch, machine=name, seed=3)
+    assert build_timeline(compile_patch(patch), 3).later is not None
+    assert in_stretches.record.identical(at_once.record)
 
 
 FEW_ROWS = {  # period, compute, every, until: from one row to the next there is much to lay out
