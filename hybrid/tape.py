@@ -42,6 +42,7 @@ from hybrid.integration import (
     Statement,
     kept,
     next_of,
+    past_rates_of,
     rate_of,
     stepped_of,
     written_out,
@@ -194,6 +195,8 @@ class Tape:
     length_of: npt.NDArray[np.int32]  # (operations,): row of `lengths`; () where all are doubles
     lengths: npt.NDArray[np.float64]  # (word lengths, figures)
     fixed: Mapping[str, WordLength]  # of the words in fixed point
+    beginning: frozenset[int]  # rows of code that only see to it that formulas start
+    past_rates: tuple[int, ...]  # of each program: rates that its formulas keep for later cycles
 
 
 class _Builder:
@@ -219,6 +222,7 @@ class _Builder:
         if program:
             self.length |= {word: own.bound(scope) for word, own in program.lengths.items()}
         self.kept: tuple[Kept, ...] = ()  # of the program that is being compiled
+        self.beginning: set[int] = set()  # operations that see to the first cycles
         self.rounding = FLOAT64  # of what is being computed
         self.length_of: list[WordLength] = []
 
@@ -387,6 +391,7 @@ class _Builder:
             self.rounding = FLOAT64
             self.emit(Op.SKIP, self.compute(part.condition))
             skip = len(self.code) - 1
+            self.beginning |= set(range(before, skip + 1))
         self.owner += [self.number[part.word]] * (len(self.code) - before)
         if isinstance(part, Statement):
             self.assign(part)
@@ -401,14 +406,15 @@ class _Builder:
     def assign(self, part: Statement) -> None:
         """Compute a statement; into its register where it has one for good."""
         before, self.word = len(self.code), part.word
-        self.rounding = (
-            FLOAT64 if part.name in (TO_START_NEXT, FIRST_NEXT) else self.length[part.word]
-        )
+        begins = part.name in (TO_START_NEXT, FIRST_NEXT)
+        self.rounding = FLOAT64 if begins else self.length[part.word]
         result = self.compute(part.expr)
         if part.name in self.fixed:
             self.append(Op.COPY, self.place[part.name], result)
         else:
             self.place[part.name] = result
+        if begins:
+            self.beginning |= set(range(before, len(self.code)))
         self.owner += [self.number[part.word]] * (len(self.code) - before)
 
     def play(self, parts: Iterable[Statement | Branch], places: Mapping[str, Place]) -> None:
@@ -473,6 +479,8 @@ def build_tape(
         tuple(build.sites),
         *_word_lengths(build.length_of),
         {word: length for word, length in build.length.items() if length.kind is Kind.FIXED},
+        frozenset(build.beginning),
+        tuple(past_rates_of(single) for single in (program.programs if program else ())),
     )
 
 
