@@ -32,9 +32,11 @@ class TaskRow:
     place: int  # 1 goes first
     operations: dict[str, int]  # additions, multiplications, ... of a cycle
     compute_s: float
-    utilisation: float  # compute time over period; of what a comparator starts: the share it had
+    # Asked of the processor: compute time over period; of what a comparator starts, times its calls.
+    utilisation: float
     cycles: int  # that ended
     overruns: int  # that were due while the one before had not ended
+    waiting: int  # of these, what queues and had not begun at the end
     worst_response_s: float | None  # from when a cycle is due to its results; None: none ended
     when: str | None = None  # what starts it in place of a clock: 'beyond rises'
     samples: tuple[str, ...] = ()  # the ADCs that follow its clock
@@ -80,6 +82,7 @@ def _row(machine: Machine, number: int, report: TaskReport, task: TaskTiming) ->
         report.utilisation,
         report.cycles,
         report.overruns,
+        report.waiting,
         report.worst_response_s,
         " ".join(task.when) if task.when else None,
         tuple(sampler.name for sampler in machine.samplers if sampler.task == number),
@@ -149,9 +152,10 @@ def warnings(machine: Machine, rows: Sequence[TaskRow]) -> list[str]:
         if row.overruns:
             task = tasks[row.task]
             does = {"skip": "left out", "queue": "begun late", "stop": "the end of the run"}
+            never = f", but for {row.waiting} that still wait at the end" if row.waiting else ""
             found.append(
                 f"{task.place}: task {row.task!r} has {row.overruns} of its cycles due before the one "
-                f"before has ended; they are {does[task.overrun]} (overrun: {task.overrun})"
+                f"before has ended; they are {does[task.overrun]}{never} (overrun: {task.overrun})"
             )
     return found
 
@@ -167,8 +171,9 @@ def load_text(machine: Machine, rows: Sequence[TaskRow]) -> str:
         told.append(f"the tasks ask for {100 * total:.4g} % of the processor's time")
     for row in rows:
         if row.overruns:
-            what = did[overrun[row.task]].format(counted(row.overruns, "cycle"))
-            told.append(f"task {row.task} {what} (overrun: {overrun[row.task]})")
+            what = did[overrun[row.task]].format(counted(row.overruns - row.waiting, "cycle"))
+            never = f" and left {row.waiting} waiting at the end" if row.waiting else ""
+            told.append(f"task {row.task} {what}{never} (overrun: {overrun[row.task]})")
     return "; ".join(filter(None, told))
 
 

@@ -200,7 +200,7 @@ def test_a_clock_that_is_late_changes_neither_utilisation_nor_the_number_of_cycl
 @pytest.mark.parametrize("name", ["rate_groups", "two_precisions"])
 def test_every_shipped_patch_with_tasks_tells_of_them(name, capsys, tmp_path):
     keys = {"task", "period_s", "place", "operations", "compute_s", "utilisation", "cycles"}
-    keys |= {"overruns", "worst_response_s", "when", "samples", "sends"}
+    keys |= {"overruns", "waiting", "worst_response_s", "when", "samples", "sends"}
     verbs = (["run", "--no-chart", "--out", str(tmp_path)], ["check", "--no-trial"])
     for verb, *options in verbs:
         assert main([verb, name, *options, "--json"]) == 0
