@@ -172,6 +172,7 @@ class Site:
     ranges: tuple[tuple[float, float], ...]
     units: tuple[str, ...]  # SI
     actions: tuple[tuple[int, int], ...]  # below, above
+    told_in: tuple[tuple[str, float], ...]  # units for people, and their SI values
     table: Table | None = field(default=None, compare=False)  # which its name says, too
 
 
@@ -289,8 +290,8 @@ class _Builder:
         if helper.valid:
             argument, dimension = helper.takes[0]
             ranges, units = (helper.valid,), (str(dimension),)
-            actions = ((CONTINUES, CONTINUES),)
-            site = self.site(Site(name, self.word, (argument,), ranges, units, actions))
+            actions, told_in = ((CONTINUES, CONTINUES),), ((units[0], 1.0),)
+            site = self.site(Site(name, self.word, (argument,), ranges, units, actions, told_in))
         return self.emit_wide(FUNCTION_OPS[name], held, site)
 
     def look_up(self, table: Table, arguments: tuple[Node, ...]) -> int:
@@ -303,6 +304,7 @@ class _Builder:
             tuple(axis.range for axis in axes),
             tuple("" if axis.dimension.is_pure else str(axis.dimension) for axis in axes),
             tuple((axis.below, axis.above) for axis in axes),
+            tuple(axis.told_in for axis in axes),
             table,
         )
         return self.emit_wide(Op.LOOK_UP, held, self.site(site))
