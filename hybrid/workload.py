@@ -20,6 +20,7 @@ from hybrid.timeline import Timeline
 
 # Of a timeline that never repeats, some seconds of laying out.
 MOST_STRETCHES = 25
+MOST_LATE = 3  # ADCs that the note of a run tells of
 PROGRAM = "program"  # what a row is called where there is one program
 
 
@@ -148,6 +149,8 @@ def warnings(machine: Machine, rows: Sequence[TaskRow]) -> list[str]:
         )
     if too_slow := beyond_the_processor(machine):
         found.append(too_slow)
+    places = {adc.name: adc.place for adc in machine.patch.adcs}
+    found += [f"{places[name]}: {told}" for name, told in late_samples(machine).items()]
     for row in rows:
         if row.overruns:
             task = tasks[row.task]
@@ -166,7 +169,10 @@ def load_text(machine: Machine, rows: Sequence[TaskRow]) -> str:
     did = {"skip": "left out {}", "queue": "began {} late", "stop": "ended the run by {}"}
     overrun = {task.name: task.overrun for task in machine.timing.tasks}
     total = total_utilisation(rows)
-    told = [beyond_the_processor(machine)]
+    told, late = [beyond_the_processor(machine)], list(late_samples(machine).values())
+    told += late[:MOST_LATE]
+    if len(late) > MOST_LATE:
+        told.append(f"so do {len(late) - MOST_LATE} more")
     if overrun and total > 1.0 + ROUNDING:
         told.append(f"the tasks ask for {100 * total:.4g} % of the processor's time")
     for row in rows:
@@ -175,6 +181,20 @@ def load_text(machine: Machine, rows: Sequence[TaskRow]) -> str:
             never = f" and left {row.waiting} waiting at the end" if row.waiting else ""
             told.append(f"task {row.task} {what}{never} (overrun: {overrun[row.task]})")
     return "; ".join(filter(None, told))
+
+
+def late_samples(machine: Machine) -> dict[str, str]:
+    """The ADCs whose turn comes a period or more after their cycle begins, and what is told of each."""
+    timing, found = machine.timing, {}
+    for sampler in machine.samplers:
+        period = timing.tasks[sampler.task].period if timing.tasks else timing.period
+        if period and sampler.delay_ticks >= period:
+            late_s, period_s = to_seconds(sampler.delay_ticks), to_seconds(period)
+            found[sampler.name] = (
+                f"ADC {sampler.name!r} samples {late_s:.6g} s after its cycle begins, channel times skew, "
+                f"which is {late_s / period_s:.4g} periods of {period_s:.6g} s"
+            )
+    return found
 
 
 def beyond_the_processor(machine: Machine) -> str:
