@@ -46,7 +46,9 @@ def test_bench_passes_and_prints_one_json_object(script, tmp_path):
         if key in row
     ]
     assert flags and all(flag is True for flag in flags)
-    assert [path.name for path in tmp_path.iterdir()] == out[1:]  # a bench leaves nothing else behind
+    assert [path.name for path in tmp_path.iterdir()] == out[
+        1:
+    ]  # a bench leaves nothing else behind
     if out:
         width, height = Image.open(tmp_path / "chart.png").size
         assert width > height > 400
@@ -309,3 +311,14 @@ def test_the_text_of_the_conclusion_quotes_the_rules():
     assert "first without lead, third with it" in text
     (floor,) = (float(t) for t in re.findall(r"omega_p T\$ below (\d\.\d+)", text))
     assert floor == pytest.approx((10 * 6e-6) ** (1 / 3), abs=5e-4)
+
+
+def test_axes_outside_the_bounds_are_told_below_the_table(monkeypatch):
+    """Only those that are: at 10 ms axes by themselves take 0.84 g/s, the bounds are 1.27 to 1.60."""
+    monkeypatch.syspath_prepend(str(BENCHES))
+    jets = importlib.import_module("jet_control")
+    rows = [jets.row(0.1, "sampled", 7.55e-3), jets.row(0.01, "sampled", 1.44e-3)]
+    rows.append(jets.row(0.1, "comparators", 1.11e-3))
+    notes = jets.beside_bounds(rows)
+    assert notes.count("g/s at") == 1 and "0.843 g/s at 10 ms" in notes
+    assert "outside" not in jets.beside_bounds([rows[0], rows[2]])
