@@ -67,7 +67,7 @@ def _found(machine: Machine) -> dict[str, Place]:
 
 
 def _asked(tree: Node, scope: Mapping[str, float]) -> Iterator[str]:
-    """The calls with an argument that is known and out of range, such as 'density_us76 for height = ...'."""
+    """The calls with an argument that is known and out of range: 'density_us76 for height = ...'."""
     inner: Sequence[Node] = children(tree)
     if isinstance(tree, Call):
         helper = FUNCTIONS[tree.function].helper if tree.function in FUNCTIONS else None

@@ -129,7 +129,9 @@ class TaskReport:
     cycles: int  # finished
     overruns: int  # ticks of its clock at which the cycle before was not finished
     worst_response_s: float | None  # from the tick to the results
-    utilisation: float  # share of the processor's time that it asks for: all its cycles that are due
+    utilisation: (
+        float  # share of the processor's time that it asks for: all its cycles that are due
+    )
     waiting: int = 0  # of those that queue: due, and not begun at the end
 
 
@@ -162,9 +164,7 @@ def reports(
             cycles[i],
             overruns[i],
             to_seconds(worst[i]) if i in worst else None,
-            task.compute / task.period
-            if task.period
-            else task.compute * calls[i] / max(played, 1),
+            task.compute / task.period if task.period else task.compute * calls[i] / max(played, 1),
             _waiting(task, calls[i] or _ticks(task, played), cycles[i], overruns[i]),
         )
         for i, task in enumerate(machine.timing.tasks)

@@ -191,8 +191,8 @@ def late_samples(machine: Machine) -> dict[str, str]:
         if period and sampler.delay_ticks >= period:
             late_s, period_s = to_seconds(sampler.delay_ticks), to_seconds(period)
             found[sampler.name] = (
-                f"ADC {sampler.name!r} samples {late_s:.6g} s after its cycle begins, channel times skew, "
-                f"which is {late_s / period_s:.4g} periods of {period_s:.6g} s"
+                f"ADC {sampler.name!r} samples {late_s:.6g} s after its cycle begins, channel times "
+                f"skew, which is {late_s / period_s:.4g} periods of {period_s:.6g} s"
             )
     return found
 

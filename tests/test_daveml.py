@@ -583,7 +583,11 @@ def test_a_model_is_read_by_the_encoding_that_it_declares(flown, tmp_path, encod
     ("declared", "written", "says"),
     [
         ("UTF-8", "ISO-8859-1", "not a text in UTF-8; save it as UTF-8"),
-        ("EBCDIC", "UTF-8", "declares the encoding 'EBCDIC'; those read are UTF-8, UTF-16, ISO-8859-1"),
+        (
+            "EBCDIC",
+            "UTF-8",
+            "declares the encoding 'EBCDIC'; those read are UTF-8, UTF-16, ISO-8859-1",
+        ),
         ("UTF-16", "UTF-8", "declares the encoding UTF-16, but is not in UTF-16"),
         ("UTF-8", "UTF-16", "declares the encoding UTF-8, but is in UTF-16; declare what it is"),
         ("us-ascii", "UTF-8", "not a text in US-ASCII; save it as UTF-8"),

@@ -325,7 +325,9 @@ def test_a_height_beyond_the_standard_is_told_where_it_is_known_before_the_run()
         16: f"word 'y' {asks}",
     }
     warnings = hybrid.check(patch, trial=False).warnings
-    assert sorted(warnings) == sorted(f"known.yaml:{line}: {told}" for line, told in by_line.items())
+    assert sorted(warnings) == sorted(
+        f"known.yaml:{line}: {told}" for line, told in by_line.items()
+    )
     note = hybrid.run(patch).status_note
     assert sorted(note.split("; ")) == sorted(by_line.values())
     rho_given = hybrid.run(patch, {"rho": 1.0}).status_note

@@ -250,7 +250,10 @@ run: {until: 1 s}
             math.radians(100),
             "pitch = 100 deg, outside -89 to 89 (2 times, first at 0 s; at worst 200 deg; clamped)",
         ),
-        (-math.radians(44.50001), "pitch = -89.00002 deg, outside -89 to 89 (once at 1 s; clamped)"),
+        (
+            -math.radians(44.50001),
+            "pitch = -89.00002 deg, outside -89 to 89 (once at 1 s; clamped)",
+        ),
         # A step of a double at 1.553 rad is 2.2e-16 rad, 1.3e-14 deg; twice it, as the half is doubled.
         (
             np.nextafter(math.radians(89) / 2, 1),

@@ -71,9 +71,13 @@ def test_the_step_of_later_cycles_is_counted(formula, products):
     assert program_operations(tape, 0)["multiply"] == products
 
 
-DECAY = COUNTED.replace("{integrate: rate,", "{integrate: -x/tau,").replace(
-    "  program: {rate: previous(rate)}\n  remember: {rate: 1}\n", "  program: {double: x + x}\n"
-).replace("digital:", "parameters: {tau: 1 s}\ndigital:")
+DECAY = (
+    COUNTED.replace("{integrate: rate,", "{integrate: -x/tau,")
+    .replace(
+        "  program: {rate: previous(rate)}\n  remember: {rate: 1}\n", "  program: {double: x + x}\n"
+    )
+    .replace("digital:", "parameters: {tau: 1 s}\ndigital:")
+)
 
 
 @pytest.mark.parametrize(

@@ -266,12 +266,21 @@ run: {until: 2 s}
 """
 
 
+TURN = "ADC 'seen' samples {} s after its cycle begins, channel times skew, which is"
+
+
 @pytest.mark.parametrize(
     ("channel", "told"),
     [
         (9, ""),
-        (10, "ADC 'seen' samples 0.01 s after its cycle begins, channel times skew, which is 1 periods"),
-        (900, "ADC 'seen' samples 0.9 s after its cycle begins, channel times skew, which is 90 periods"),
+        (
+            10,
+            f"{TURN.format(0.01)} 1 periods",
+        ),
+        (
+            900,
+            f"{TURN.format(0.9)} 90 periods",
+        ),
     ],
 )
 def test_an_adc_whose_turn_comes_after_its_period_is_told(channel, told):

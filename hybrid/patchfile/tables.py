@@ -98,9 +98,7 @@ def _table(book: Book, name: str, fields: Fields, place: Place) -> Table:
 
 def _axis(column: _Column, points: Sequence[float], ends: tuple[float, float], action: int) -> Axis:
     unit, factor = column.unit, column.factor
-    return Axis(
-        column.name, np.array(points), ends, action, action, column.dimension, unit, factor
-    )
+    return Axis(column.name, np.array(points), ends, action, action, column.dimension, unit, factor)
 
 
 def _between_points(
