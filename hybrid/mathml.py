@@ -29,9 +29,9 @@ _FUNCTIONS |= {name: name for name in ("sin", "cos", "tan", "sinh", "cosh", "tan
 _FUNCTIONS |= {f"arc{name}": f"a{name}" for name in ("sin", "cos", "tan", "sinh", "cosh", "tanh")}
 _INVERSE = {"sec": "cos", "csc": "sin", "cot": "tan"}
 _CONSTANTS = {"pi": math.pi, "exponentiale": math.e, "true": 1.0, "false": 0.0}
-_OTHERS = ("minus", "divide", "quotient", "rem", "power", "root", "log", "not", "xor", "min", "max")
-_OTHERS += ("piecewise", "csymbol")
-_KNOWN = (*_CHAINS, *_COMPARISONS, *_FUNCTIONS, *_INVERSE, *_OTHERS)
+_WHOLE = ("quotient", "rem")
+_OTHERS = ("minus", "divide", "power", "root", "log", "not", "min", "max", "piecewise", "csymbol")
+_KNOWN = (*_CHAINS, *_COMPARISONS, *_FUNCTIONS, *_INVERSE, *_WHOLE, "xor", *_OTHERS)
 
 _NUMBERS = ("real", "integer", "double", "e-notation")
 
@@ -141,12 +141,12 @@ def _apply(element: Element, named: Named) -> Node:
     if tag == "minus":
         count(1, 2)
         return Binary("-", values[0], values[1]) if len(values) == 2 else _negative(values[0])
-    if tag in ("quotient", "rem"):
+    if tag in _WHOLE:
         count(2, 2)
         return _whole_part(*values) if tag == "quotient" else _remainder(*values)
     if tag == "xor":
         count(1)
-        truths = (Unary("not", Unary("not", value)) for value in values)
+        truths: list[Node] = [Unary("not", Unary("not", value)) for value in values]
         return functools.reduce(lambda a, b: Binary("!=", a, b), truths)
     if tag in ("divide", "power"):
         count(2, 2)
