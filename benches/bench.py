@@ -23,7 +23,7 @@ class Options:
 
     quick: bool
     json: bool
-    out: str | None = None  # a picture, of a bench that draws one
+    out: Path | None = None  # a chart as PNG, of a bench that draws one
 
 
 @dataclass(frozen=True, slots=True)
@@ -45,9 +45,14 @@ def parse_options(about: str, draws: bool = False) -> Options:
     parser.add_argument("--quick", action="store_true", help="fewer cases, shorter runs")
     parser.add_argument("--json", action="store_true", help="print one JSON object")
     if draws:
-        parser.add_argument("--out", metavar="FILE", help="draw a chart, SVG or PNG")
+        parser.add_argument("--out", metavar="FILE.png", help="draw a chart")
     options = parser.parse_args()
-    return Options(options.quick, options.json, options.out if draws else None)
+    out = Path(options.out) if draws and options.out is not None else None
+    if out and out.suffix.lower() != ".png":  # told now, not when all is computed
+        parser.error(f"--out: charts are PNG, so the file must end in .png, not {options.out!r}")
+    if out and not out.parent.is_dir():
+        parser.error(f"--out: there is no folder {str(out.parent)!r}")
+    return Options(options.quick, options.json, out)
 
 
 def finish(

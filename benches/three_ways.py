@@ -26,6 +26,7 @@ import math
 import sys
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -289,14 +290,14 @@ def beside_theory(flights: Sequence[Mapping[str, Any]]) -> list[dict[str, Any]]:
     return [{**row, "passed": abs(row["run"] / row["theory"] - 1.0) < 0.02} for row in rows]
 
 
-def draw(flights: Sequence[Mapping[str, Any]], file: str) -> None:
+def draw(flights: Sequence[Mapping[str, Any]], file: Path) -> None:
     """Errors over the cycle time, one panel each."""
-    import matplotlib
+    from matplotlib.figure import Figure
 
-    matplotlib.use("Agg")
-    import matplotlib.pyplot as plt
+    from hybrid.charts import save
 
-    figure, panels = plt.subplots(1, 2, figsize=(11, 4.5), layout="constrained")
+    figure = Figure(figsize=(11, 4.5), layout="constrained")
+    panels = figure.subplots(1, 2)
     asked = (("pitch", PITCH, "pitch error / amplitude"), ("height_m", HEIGHT_M, "height error, m"))
     for panel, (figure_of, most, label) in zip(panels, asked, strict=True):
         for machine in MACHINES:
@@ -312,15 +313,13 @@ def draw(flights: Sequence[Mapping[str, Any]], file: str) -> None:
     panels[0].set_ylim(1e-5, 10)
     panels[1].legend(fontsize=8)
     figure.suptitle("Entry probe on three machines, 1 us lags (grey: what is asked for)")
-    figure.savefig(file)
+    save(figure, file)
 
 
 def main() -> int:
     options = parse_options(__doc__ or "", draws=True)
     flights, summary = study(options)
     judged_rows = beside_theory(flights)
-    if options.out:
-        draw(flights, options.out)
     flat = [{**row, **row["times_real_time"]} for row in summary]
     columns = {
         "machine": ("machine", ""),
@@ -359,9 +358,11 @@ def main() -> int:
     needs = ", ".join(
         f"{row['machine']} {row['cycle_s'] * 1e3:.2g} ms" for row in summary if row["cycle_s"]
     )
-    return finish(
-        __file__, options, tables, passed, f"T needed: {needs or 'not asked with --quick'}"
-    )
+    verdict = f"T needed: {needs or 'not asked with --quick'}"
+    code = finish(__file__, options, tables, passed, verdict)
+    if options.out:
+        draw(flights, options.out)
+    return code
 
 
 if __name__ == "__main__":

@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Any
 
 from hybrid import coupling, shots
 from hybrid.arguments import Parameters, Source, machine_of
+from hybrid.asked_before import asked_before
 from hybrid.components import CATALOG
 from hybrid.components.delay import DEFAULT_ORDER, good_to
 from hybrid.cycle_map import stretch_s
@@ -218,6 +219,7 @@ def check(
             *_warnings(compiled),
             *rate_warnings(tested),
             *lost_constants(compiled),
+            *asked_before(compiled),
             *workload_warnings(compiled, rows),
             *filter(None, [short_windows(compiled)]),
             *disagreeing,

@@ -9,6 +9,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from hybrid.asked_before import asked_before_text
 from hybrid.engine import kernel
 from hybrid.engine.linear import DAC_SUFFIX, Player
 from hybrid.engine.ranges import outside
@@ -75,6 +76,7 @@ def ending(player: Player) -> tuple[str, str]:
         load_text(machine, rows),
         _left_out(player),
         _outside_note(player),
+        asked_before_text(machine),
         *player.remarks(),
     )
     return "complete", "; ".join(filter(None, notes))

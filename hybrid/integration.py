@@ -100,6 +100,11 @@ def reads_first(program: Program) -> bool:
     return any(FIRST in names(expr) for entry in program.written for expr in entry.reads)
 
 
+def past_rates_of(program: Program) -> int:
+    """How many rates of earlier cycles its formulas keep."""
+    return sum(past_rates(state.formula) for state in program.states)
+
+
 def kept(program: Program, first_of: Callable[[str, Value], float]) -> tuple[Kept, ...]:
     """What states and formulas hand over to the next cycle, in the order in which it changes.
 

@@ -29,8 +29,9 @@ _FUNCTIONS |= {name: name for name in ("sin", "cos", "tan", "sinh", "cosh", "tan
 _FUNCTIONS |= {f"arc{name}": f"a{name}" for name in ("sin", "cos", "tan", "sinh", "cosh", "tanh")}
 _INVERSE = {"sec": "cos", "csc": "sin", "cot": "tan"}
 _CONSTANTS = {"pi": math.pi, "exponentiale": math.e, "true": 1.0, "false": 0.0}
+_WHOLE = ("quotient", "rem")
 _OTHERS = ("minus", "divide", "power", "root", "log", "not", "min", "max", "piecewise", "csymbol")
-_KNOWN = (*_CHAINS, *_COMPARISONS, *_FUNCTIONS, *_INVERSE, *_OTHERS)
+_KNOWN = (*_CHAINS, *_COMPARISONS, *_FUNCTIONS, *_INVERSE, *_WHOLE, "xor", *_OTHERS)
 
 _NUMBERS = ("real", "integer", "double", "e-notation")
 
@@ -87,13 +88,20 @@ def _is_whole(text: str) -> bool:
 def _piecewise(element: Element, named: Named) -> Node:
     otherwise = element.first("otherwise")
     pieces = list(element.all("piece"))
-    if otherwise is None or len(otherwise.children) != 1 or not pieces:
-        raise PatchError("<piecewise> needs <piece>s and one <otherwise>", element.place)
-    result = _read(otherwise.children[0], named)
-    for piece in reversed(pieces):
+    if not pieces or (otherwise and len(otherwise.children) != 1):
+        raise PatchError("<piecewise> needs <piece>s, and one value in <otherwise>", element.place)
+    read = []
+    for piece in pieces:
         if len(piece.children) != 2:
             raise PatchError("<piece> needs a value and a condition", piece.place)
         value, condition = (_read(child, named) for child in piece.children)
+        read.append((value, condition))
+    if otherwise:
+        result = _read(otherwise.children[0], named)
+    else:  # where no piece holds there is no value, as of 0/0, which ends a run
+        holds = functools.reduce(lambda a, b: Binary("or", a, b), (c for _, c in read))
+        result = Binary("/", Number(0.0), holds)
+    for value, condition in reversed(read):
         result = Call("select", (condition, value, result))
     return result
 
@@ -133,6 +141,13 @@ def _apply(element: Element, named: Named) -> Node:
     if tag == "minus":
         count(1, 2)
         return Binary("-", values[0], values[1]) if len(values) == 2 else _negative(values[0])
+    if tag in _WHOLE:
+        count(2, 2)
+        return _whole_part(*values) if tag == "quotient" else _remainder(*values)
+    if tag == "xor":
+        count(1)
+        truths: list[Node] = [Unary("not", Unary("not", value)) for value in values]
+        return functools.reduce(lambda a, b: Binary("!=", a, b), truths)
     if tag in ("divide", "power"):
         count(2, 2)
         return Binary("/" if tag == "divide" else "**", values[0], values[1])
@@ -163,6 +178,17 @@ def _of_one(head: Element, value: Node, qualifiers: dict[str, Element], named: N
         return Binary("/", Number(1.0), Call(_INVERSE[tag], (value,)))
     told = head.attributes.get("definitionURL", "") or head.text.strip()
     raise PatchError(f"<{tag}/> {quoted(told)} is no function that is read; atan2 is", head.place)
+
+
+def _remainder(a: Node, b: Node) -> Node:
+    """What is left of a by the whole quotient towards 0: it has the sign of a."""
+    size = Call("mod", (Call("abs", (a,)), Call("abs", (b,))))
+    return Binary("*", Call("sign", (a,)), size)
+
+
+def _whole_part(a: Node, b: Node) -> Node:
+    """The quotient rounded towards 0; without its remainder it is whole but for rounding."""
+    return Call("round", (Binary("/", Binary("-", a, _remainder(a, b)), b),))
 
 
 def _negative(value: Node) -> Node:

@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import itertools
 from collections.abc import Iterator
+from dataclasses import replace
 
 import numpy as np
 import numpy.typing as npt
@@ -42,7 +43,7 @@ def scattered_table(table: Table, points: Floats, values: Floats, action: int) -
     if points.shape[1] == 1:
         (axis,) = table.axes
         low, high = max(axis.range[0], points[0, 0]), min(axis.range[1], points[-1, 0])
-        axis = Axis(axis.name, points[:, 0], (low, high), axis.below, axis.above, axis.dimension)
+        axis = replace(axis, points=points[:, 0], range=(low, high))
         return Table(table.name, (axis,), values, "linear", table.dimension)
     mesh = _figures(points, values, action)
     return Table(table.name, table.axes, values, "simplices", table.dimension, mesh)

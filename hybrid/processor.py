@@ -57,11 +57,13 @@ class Duty:
 
 @dataclass(frozen=True, slots=True)
 class Note:
-    """What became of a cycle of a task: finished after `response` ticks, or not begun in time (None)."""
+    """What became of a cycle of a task: finished after `response` ticks, or not begun in time (None); or
+    that a comparator has called for one, whatever becomes of it."""
 
     tick: int
     task: int
     response: int | None
+    called: bool = False
 
 
 Lateness = Callable[[], int]  # how late the clock of a task ticks next, in ticks of time
@@ -214,6 +216,8 @@ class Processor:
     def _due(self, number: int, due: int) -> None:
         """A cycle is due: begin it, or see to the overrun."""
         task, desk = self.duty.tasks[number], self._desks[number]
+        if not task.period:
+            self.notes.append(Note(self.now, number, None, called=True))
         if desk.cycle is None:
             self._begin(number, due)
             return

@@ -7,12 +7,13 @@ each task came to.
 from __future__ import annotations
 
 import functools
+from collections import Counter
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 
 from hybrid.clockwork import Cycles, Event
 from hybrid.errors import PatchError
-from hybrid.machine import Machine, utilisation
+from hybrid.machine import Machine, TaskTiming, utilisation
 from hybrid.processor import MOST_BEHIND, Duty, FallsBehind, Note, Processor, TaskClock
 from hybrid.scale import to_seconds
 
@@ -136,15 +137,16 @@ class TaskReport:
     overruns: int  # ticks of its clock at which the cycle before was not finished
     worst_response_s: float | None  # from the tick to the results
     utilisation: (
-        float  # share of the processor's time that it is meant to take; called: that it took
+        float  # share of the processor's time that it asks for: all its cycles that are due
     )
+    waiting: int = 0  # of those that queue: due, and not begun at the end
 
 
 def fold(done: Mapping[Note, int], notes: Iterable[Note]) -> dict[Note, int]:
     """The notes of a long run in few: their numbers, and of each task the slowest cycle."""
     found = dict(done)
     for note in notes:
-        short = Note(0, note.task, note.response)
+        short = Note(0, note.task, note.response, note.called)
         found[short] = found.get(short, 0) + 1
     return found
 
@@ -153,22 +155,36 @@ def reports(
     machine: Machine, notes: Iterable[tuple[Note, int]], played: int
 ) -> tuple[TaskReport, ...]:
     """Of every task, by name, after `played` ticks; `notes` with how often each stands for a cycle."""
-    cycles, overruns, worst = dict[int, int](), dict[int, int](), dict[int, int]()
+    cycles, overruns, calls = Counter[int](), Counter[int](), Counter[int]()
+    worst = dict[int, int]()
     for note, times in notes:
-        if note.response is None:
-            overruns[note.task] = overruns.get(note.task, 0) + times
+        if note.called:
+            calls[note.task] += times
+        elif note.response is None:
+            overruns[note.task] += times
         else:
-            cycles[note.task] = cycles.get(note.task, 0) + times
+            cycles[note.task] += times
             worst[note.task] = max(worst.get(note.task, 0), note.response)
     return tuple(
         TaskReport(
             task.name,
-            cycles.get(i, 0),
-            overruns.get(i, 0),
+            cycles[i],
+            overruns[i],
             to_seconds(worst[i]) if i in worst else None,
-            task.compute / task.period
-            if task.period
-            else task.compute * cycles.get(i, 0) / max(played, 1),
+            task.compute / task.period if task.period else task.compute * calls[i] / max(played, 1),
+            _waiting(task, calls[i] or _ticks(task, played), cycles[i], overruns[i]),
         )
         for i, task in enumerate(machine.timing.tasks)
     )
+
+
+def _ticks(task: TaskTiming, played: int) -> int:
+    """How often its clock has ticked for certain: where it jitters, the last may be yet to come."""
+    if not task.period:
+        return 0
+    return max(0, (played - task.phase - task.jitter) // task.period + 1)
+
+
+def _waiting(task: TaskTiming, due: int, ended: int, overruns: int) -> int:
+    """Of the cycles that were due, those that wait behind the one that is under way."""
+    return min(max(due - ended - 1, 0), overruns) if task.overrun == "queue" else 0

@@ -121,7 +121,7 @@ def _show_tasks(console: Console, rows: Sequence[TaskRow]) -> None:
     if len(rows) > 1 or any(row.period_s is None or row.overruns for row in rows):
         headings, cells = columns(rows)
         total = 100 * total_utilisation(rows)
-        title = f"Tasks, {total:.4g} % of the processor's time; rank 1 goes first"
+        title = f"Tasks, asking for {total:.4g} % of the processor's time; rank 1 goes first"
         show_table(console, title, headings, cells, texts=1)
 
 

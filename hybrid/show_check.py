@@ -58,7 +58,7 @@ def _show_tasks(console: Console, check: Check) -> None:
         return
     headings, cells = columns(check.tasks)
     total = 100 * total_utilisation(check.tasks)
-    title = f"Digital machine, {total:.4g} % of its time"
+    title = f"Digital machine, asked for {total:.4g} % of its time"
     title += "; rank 1 goes first" if len(check.tasks) > 1 else ""
     show_table(console, title, headings, cells, texts=1)
     for row in check.tasks:

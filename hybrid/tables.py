@@ -48,6 +48,15 @@ class Axis:
     below: int = STOPS
     above: int = STOPS
     dimension: Dimension = PURE
+    unit: str | None = None  # in which people are told of it; None: SI
+    factor: float = 1.0  # SI value of one `unit`
+
+    @property
+    def told_in(self) -> tuple[str, float]:
+        """The unit in which people are told of it, and its SI value."""
+        if self.unit is not None:
+            return self.unit, self.factor
+        return "" if self.dimension.is_pure else str(self.dimension), 1.0
 
 
 @dataclass(frozen=True, eq=False)

@@ -42,6 +42,7 @@ from hybrid.integration import (
     Statement,
     kept,
     next_of,
+    past_rates_of,
     rate_of,
     stepped_of,
     written_out,
@@ -171,6 +172,7 @@ class Site:
     ranges: tuple[tuple[float, float], ...]
     units: tuple[str, ...]  # SI
     actions: tuple[tuple[int, int], ...]  # below, above
+    told_in: tuple[tuple[str, float], ...]  # units for people, and their SI values
     table: Table | None = field(default=None, compare=False)  # which its name says, too
 
 
@@ -194,6 +196,8 @@ class Tape:
     length_of: npt.NDArray[np.int32]  # (operations,): row of `lengths`; () where all are doubles
     lengths: npt.NDArray[np.float64]  # (word lengths, figures)
     fixed: Mapping[str, WordLength]  # of the words in fixed point
+    beginning: frozenset[int]  # rows of code that only see to it that formulas start
+    past_rates: tuple[int, ...]  # of each program: rates that its formulas keep for later cycles
 
 
 class _Builder:
@@ -219,6 +223,7 @@ class _Builder:
         if program:
             self.length |= {word: own.bound(scope) for word, own in program.lengths.items()}
         self.kept: tuple[Kept, ...] = ()  # of the program that is being compiled
+        self.beginning: set[int] = set()  # operations that see to the first cycles
         self.rounding = FLOAT64  # of what is being computed
         self.length_of: list[WordLength] = []
 
@@ -285,8 +290,8 @@ class _Builder:
         if helper.valid:
             argument, dimension = helper.takes[0]
             ranges, units = (helper.valid,), (str(dimension),)
-            actions = ((CONTINUES, CONTINUES),)
-            site = self.site(Site(name, self.word, (argument,), ranges, units, actions))
+            actions, told_in = ((CONTINUES, CONTINUES),), ((units[0], 1.0),)
+            site = self.site(Site(name, self.word, (argument,), ranges, units, actions, told_in))
         return self.emit_wide(FUNCTION_OPS[name], held, site)
 
     def look_up(self, table: Table, arguments: tuple[Node, ...]) -> int:
@@ -299,6 +304,7 @@ class _Builder:
             tuple(axis.range for axis in axes),
             tuple("" if axis.dimension.is_pure else str(axis.dimension) for axis in axes),
             tuple((axis.below, axis.above) for axis in axes),
+            tuple(axis.told_in for axis in axes),
             table,
         )
         return self.emit_wide(Op.LOOK_UP, held, self.site(site))
@@ -387,6 +393,7 @@ class _Builder:
             self.rounding = FLOAT64
             self.emit(Op.SKIP, self.compute(part.condition))
             skip = len(self.code) - 1
+            self.beginning |= set(range(before, skip + 1))
         self.owner += [self.number[part.word]] * (len(self.code) - before)
         if isinstance(part, Statement):
             self.assign(part)
@@ -401,14 +408,15 @@ class _Builder:
     def assign(self, part: Statement) -> None:
         """Compute a statement; into its register where it has one for good."""
         before, self.word = len(self.code), part.word
-        self.rounding = (
-            FLOAT64 if part.name in (TO_START_NEXT, FIRST_NEXT) else self.length[part.word]
-        )
+        begins = part.name in (TO_START_NEXT, FIRST_NEXT)
+        self.rounding = FLOAT64 if begins else self.length[part.word]
         result = self.compute(part.expr)
         if part.name in self.fixed:
             self.append(Op.COPY, self.place[part.name], result)
         else:
             self.place[part.name] = result
+        if begins:
+            self.beginning |= set(range(before, len(self.code)))
         self.owner += [self.number[part.word]] * (len(self.code) - before)
 
     def play(self, parts: Iterable[Statement | Branch], places: Mapping[str, Place]) -> None:
@@ -473,6 +481,8 @@ def build_tape(
         tuple(build.sites),
         *_word_lengths(build.length_of),
         {word: length for word, length in build.length.items() if length.kind is Kind.FIXED},
+        frozenset(build.beginning),
+        tuple(past_rates_of(single) for single in (program.programs if program else ())),
     )
 
 

@@ -52,12 +52,13 @@ def program_operations(tape: Tape, number: int) -> dict[str, int]:
 def _operations(tape: Tape, number: int) -> Mapping[str, int]:
     first, last = tape.starts[number : number + 2, CODE].tolist()
     skips = [k for k in range(first, last) if tape.code[k, 0] == Op.SKIP]
-    counted = set(range(first, last))
+    counted = set(range(first, last)) - tape.beginning
     for k in skips[
         :-1
     ]:  # the last has the step of every later cycle, those before have the first ones
         counted -= set(range(k + 1, k + 1 + int(tape.registers[tape.code[k, 3]])))
-    return operations_of(Op(tape.code[k, 0]).name.lower() for k in sorted(counted))
+    found = operations_of(Op(tape.code[k, 0]).name.lower() for k in sorted(counted))
+    return {**found, "store": found["store"] + tape.past_rates[number]}
 
 
 def processor_of(program: Program, scope: Mapping[str, float]) -> Processor | None:

@@ -20,6 +20,7 @@ from hybrid.timeline import Timeline
 
 # Of a timeline that never repeats, some seconds of laying out.
 MOST_STRETCHES = 25
+MOST_LATE = 3  # ADCs that the note of a run tells of
 PROGRAM = "program"  # what a row is called where there is one program
 
 
@@ -32,9 +33,11 @@ class TaskRow:
     place: int  # 1 goes first
     operations: dict[str, int]  # additions, multiplications, ... of a cycle
     compute_s: float
-    utilisation: float  # compute time over period; of what a comparator starts: the share it had
+    # Asked of the processor: compute time over period; of what a comparator starts, times its calls.
+    utilisation: float
     cycles: int  # that ended
     overruns: int  # that were due while the one before had not ended
+    waiting: int  # of these, what queues and had not begun at the end
     worst_response_s: float | None  # from when a cycle is due to its results; None: none ended
     when: str | None = None  # what starts it in place of a clock: 'beyond rises'
     samples: tuple[str, ...] = ()  # the ADCs that follow its clock
@@ -80,6 +83,7 @@ def _row(machine: Machine, number: int, report: TaskReport, task: TaskTiming) ->
         report.utilisation,
         report.cycles,
         report.overruns,
+        report.waiting,
         report.worst_response_s,
         " ".join(task.when) if task.when else None,
         tuple(sampler.name for sampler in machine.samplers if sampler.task == number),
@@ -145,13 +149,16 @@ def warnings(machine: Machine, rows: Sequence[TaskRow]) -> list[str]:
         )
     if too_slow := beyond_the_processor(machine):
         found.append(too_slow)
+    places = {adc.name: adc.place for adc in machine.patch.adcs}
+    found += [f"{places[name]}: {told}" for name, told in late_samples(machine).items()]
     for row in rows:
         if row.overruns:
             task = tasks[row.task]
             does = {"skip": "left out", "queue": "begun late", "stop": "the end of the run"}
+            never = f", but for {row.waiting} that still wait at the end" if row.waiting else ""
             found.append(
                 f"{task.place}: task {row.task!r} has {row.overruns} of its cycles due before the one "
-                f"before has ended; they are {does[task.overrun]} (overrun: {task.overrun})"
+                f"before has ended; they are {does[task.overrun]}{never} (overrun: {task.overrun})"
             )
     return found
 
@@ -162,14 +169,32 @@ def load_text(machine: Machine, rows: Sequence[TaskRow]) -> str:
     did = {"skip": "left out {}", "queue": "began {} late", "stop": "ended the run by {}"}
     overrun = {task.name: task.overrun for task in machine.timing.tasks}
     total = total_utilisation(rows)
-    told = [beyond_the_processor(machine)]
+    told, late = [beyond_the_processor(machine)], list(late_samples(machine).values())
+    told += late[:MOST_LATE]
+    if len(late) > MOST_LATE:
+        told.append(f"so do {len(late) - MOST_LATE} more")
     if overrun and total > 1.0 + ROUNDING:
         told.append(f"the tasks ask for {100 * total:.4g} % of the processor's time")
     for row in rows:
         if row.overruns:
-            what = did[overrun[row.task]].format(counted(row.overruns, "cycle"))
-            told.append(f"task {row.task} {what} (overrun: {overrun[row.task]})")
+            what = did[overrun[row.task]].format(counted(row.overruns - row.waiting, "cycle"))
+            never = f" and left {row.waiting} waiting at the end" if row.waiting else ""
+            told.append(f"task {row.task} {what}{never} (overrun: {overrun[row.task]})")
     return "; ".join(filter(None, told))
+
+
+def late_samples(machine: Machine) -> dict[str, str]:
+    """The ADCs whose turn comes a period or more after their cycle begins, and what is told of each."""
+    timing, found = machine.timing, {}
+    for sampler in machine.samplers:
+        period = timing.tasks[sampler.task].period if timing.tasks else timing.period
+        if period and sampler.delay_ticks >= period:
+            late_s, period_s = to_seconds(sampler.delay_ticks), to_seconds(period)
+            found[sampler.name] = (
+                f"ADC {sampler.name!r} samples {late_s:.6g} s after its cycle begins, channel times "
+                f"skew, which is {late_s / period_s:.4g} periods of {period_s:.6g} s"
+            )
+    return found
 
 
 def beyond_the_processor(machine: Machine) -> str:

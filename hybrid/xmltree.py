@@ -6,6 +6,7 @@ and size and depth are limited, so that no small file can unfold into a huge one
 
 from __future__ import annotations
 
+import codecs
 import re
 from collections.abc import Iterator
 from dataclasses import dataclass, field
@@ -16,6 +17,11 @@ from hybrid.errors import PatchError, Place, quoted
 # A tag with its attributes, and the name of an entity in it that XML does not know by itself.
 _TAG = re.compile(rb"""<(?:[^>"']|"[^"]*"|'[^']*')*>""")
 _ENTITY = re.compile(rb"&(?!(?:amp|lt|gt|quot|apos);|#)([^;\s]*);?")
+
+# The declaration that an XML file may begin with, and the encodings that it may name.
+_DECLARED = re.compile(rb"""<\?xml\s[^>]*?\sencoding\s*=\s*(?:"([^">]*)"|'([^'>]*)')""")
+ENCODINGS = ("UTF-8", "UTF-16", "ISO-8859-1", "US-ASCII", "Windows-1252")
+_WIDE = {codecs.BOM_UTF16_LE: "utf-16-le", codecs.BOM_UTF16_BE: "utf-16-be"}
 
 MOST_ELEMENTS = 500_000
 DEEPEST_NESTING = 100
@@ -50,6 +56,32 @@ class Element:
         if not value:
             raise PatchError(f"<{self.tag}> has no {name}; give one", self.place)
         return value
+
+
+def encoding_of(content: bytes) -> str:
+    """How the bytes of a file are to be read: one of `ENCODINGS`, by the declaration if it is XML.
+
+    UTF-16 is known by its first two bytes, as XML requires, and by the declaration that they lead to;
+    all that declares nothing is UTF-8. Raises ValueError with a message for another encoding, and
+    where the declaration and the bytes differ.
+    """
+    wide = _WIDE.get(content[:2])
+    head = content[2:1026].decode(wide, "ignore").encode("ascii", "replace") if wide else content
+    found = _DECLARED.match(head.removeprefix(codecs.BOM_UTF8))
+    name = (found[1] or found[2] or b"").decode("ascii", "replace") if found else ""
+    if not found:
+        if wide and not head.startswith(b"<?xml"):
+            raise ValueError("a text in UTF-16; save it as UTF-8")
+        return "UTF-16" if wide else "UTF-8"
+    declared = next((known for known in ENCODINGS if known.lower() == name.lower()), None)
+    if declared is None:
+        raise ValueError(
+            f"declares the encoding {quoted(name)}; those read are {', '.join(ENCODINGS)}"
+        )
+    if (declared == "UTF-16") != bool(wide):
+        is_ = "in UTF-16" if wide else "not in UTF-16, which begins with a byte order mark"
+        raise ValueError(f"declares the encoding {name}, but is {is_}; declare what it is")
+    return declared
 
 
 def read_xml(text: str, file: str) -> Element:

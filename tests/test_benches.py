@@ -10,12 +10,14 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from PIL import Image
 
 from hybrid import theory
 
 BENCHES = Path(__file__).parent.parent / "benches"
 NOTEBOOK = BENCHES / "damping_against_T.ipynb"
 SCRIPTS = sorted(path for path in BENCHES.glob("*.py") if path.name != "bench.py")
+DRAWING = [path for path in SCRIPTS if "draws=True" in path.read_text(encoding="utf-8")]
 
 
 # -- benches as programs ----------------------------------------------------------------------------
@@ -24,7 +26,8 @@ SCRIPTS = sorted(path for path in BENCHES.glob("*.py") if path.name != "bench.py
 @pytest.mark.parametrize("script", SCRIPTS, ids=lambda path: path.stem)
 def test_bench_passes_and_prints_one_json_object(script, tmp_path):
     pytest.importorskip("control", reason="benches need the extra 'bench'")
-    command = [sys.executable, str(script), "--quick", "--json"]
+    out = ["--out", "chart.png"] if script in DRAWING else []
+    command = [sys.executable, str(script), "--quick", "--json", *out]
     done = subprocess.run(command, capture_output=True, text=True, timeout=600, cwd=tmp_path)
     assert done.returncode == 0, done.stdout + done.stderr
     facts = json.loads(done.stdout)
@@ -43,7 +46,37 @@ def test_bench_passes_and_prints_one_json_object(script, tmp_path):
         if key in row
     ]
     assert flags and all(flag is True for flag in flags)
-    assert list(tmp_path.iterdir()) == []  # a bench leaves nothing behind
+    assert [path.name for path in tmp_path.iterdir()] == out[
+        1:
+    ]  # a bench leaves nothing else behind
+    if out:
+        width, height = Image.open(tmp_path / "chart.png").size
+        assert width > height > 400
+
+
+@pytest.mark.parametrize("script", DRAWING, ids=lambda path: path.stem)
+@pytest.mark.parametrize(
+    ("out", "told"),
+    [("chart.svg", "must end in .png, not 'chart.svg'"), ("away/chart.png", "no folder 'away'")],
+)
+def test_a_chart_that_cannot_be_written_is_told_before_anything_is_computed(
+    script, out, told, tmp_path, monkeypatch, capsys
+):
+    monkeypatch.syspath_prepend(str(BENCHES))
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr(sys, "argv", [script.name, "--out", out])
+    bench = importlib.import_module(script.stem)
+    with pytest.raises(SystemExit) as left:
+        bench.main()
+    printed = capsys.readouterr()
+    assert left.value.code == 2 and not printed.out
+    assert printed.err.splitlines()[-1].endswith(f"{told}")
+
+
+def test_every_bench_that_the_readme_draws_with_is_tested():
+    readme = (BENCHES.parent / "README.md").read_text(encoding="utf-8")
+    drawn = re.findall(r"benches/(\w+)\.py --out (\S+)", readme)
+    assert drawn == [(path.stem, f"{path.stem}.png") for path in DRAWING]
 
 
 # -- goals of the speed bench -----------------------------------------------------------------------
@@ -278,3 +311,14 @@ def test_the_text_of_the_conclusion_quotes_the_rules():
     assert "first without lead, third with it" in text
     (floor,) = (float(t) for t in re.findall(r"omega_p T\$ below (\d\.\d+)", text))
     assert floor == pytest.approx((10 * 6e-6) ** (1 / 3), abs=5e-4)
+
+
+def test_axes_outside_the_bounds_are_told_below_the_table(monkeypatch):
+    """Only those that are: at 10 ms axes by themselves take 0.84 g/s, the bounds are 1.27 to 1.60."""
+    monkeypatch.syspath_prepend(str(BENCHES))
+    jets = importlib.import_module("jet_control")
+    rows = [jets.row(0.1, "sampled", 7.55e-3), jets.row(0.01, "sampled", 1.44e-3)]
+    rows.append(jets.row(0.1, "comparators", 1.11e-3))
+    notes = jets.beside_bounds(rows)
+    assert notes.count("g/s at") == 1 and "0.843 g/s at 10 ms" in notes
+    assert "outside" not in jets.beside_bounds([rows[0], rows[2]])

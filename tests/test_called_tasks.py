@@ -253,12 +253,60 @@ def test_a_task_that_is_called_again_too_early():
     # It rises for 209 ms and falls for 419 ms, so of 300 ms each second call comes too early.
     (left_out, _) = hybrid.run(parse_patch(LONG)).tasks
     assert (left_out.cycles, left_out.overruns) == (8, 8)
-    queued = hybrid.run(parse_patch(LONG.replace("300 ms,", "300 ms, overrun: queue,"))).tasks[0]
+    # 16 calls ask for 300 ms each, whatever becomes of them; the clock for 1 ms of 10.
+    assert left_out.utilisation == pytest.approx(16 * 0.3 / 5)
+    run = hybrid.run(parse_patch(LONG.replace("300 ms,", "300 ms, overrun: queue,")))
+    queued = run.tasks[0]
     assert (queued.cycles, queued.overruns) == (15, 8) and RISING[7] + 0.6 > 5
+    # The eighth of them begins 300 ms after the last rise.
+    assert queued.waiting == 0 and RISING[7] + 0.3 < 5
+    assert queued.utilisation == left_out.utilisation
+    assert "the tasks ask for 106 % of the processor's time" in run.status_note
     assert queued.worst_response_s == pytest.approx(0.6 - (FALLING - RISING)[0], abs=1e-12)
     stopped = hybrid.run(parse_patch(LONG.replace("300 ms,", "300 ms, overrun: stop,")))
     assert stopped.status == "stopped" and "'catch' has overrun" in stopped.status_note
     assert f"stopped at {FALLING[0]:.9g} s" in stopped.status_note
+
+
+BUSY = """\
+title: A task that is called far more often than it can be served
+machine: ideal
+analog:
+  wave: {sine: 1, omega: 300 rad/s, full_scale: 2}
+  up: {compare: {wave: 1}, high: 1, full_scale: 1}
+digital:
+  remember: {n: 0, m: 0}
+  tasks:
+    c: {when: up changes, compute_time: 15 ms, overrun: queue, program: {n: previous(n) + 1}}
+    d: {period: 10 ms, compute_time: 2 ms, program: {m: previous(m) + 1}}
+run: {until: 2 s}
+"""
+
+
+@pytest.mark.parametrize("overrun", ["queue", "skip"])
+def test_what_is_asked_of_the_processor_is_told_of_all_calls(overrun):
+    """The sine switches each pi/300 s, in 2 s 190 times (and as it leaves 0, which is no call or one):
+    of 15 ms each these ask for 1.425 to 1.433 of the time, beside 0.2 of the clock. The called task goes
+    first and computes without a pause from the first call on, so it ends (2 s - 10 ms)/15 ms cycles."""
+    patch = parse_patch(BUSY.replace("queue", overrun), "busy.yaml")
+    run, check = hybrid.run(patch), hybrid.check(patch)
+    called, clocked = run.tasks
+    calls = round(called.utilisation * 2 / 0.015)
+    assert calls in (190, 191) and called.utilisation == pytest.approx(calls * 0.015 / 2)
+    assert clocked.utilisation == 0.2
+    told = f"the tasks ask for {100 * (called.utilisation + 0.2):.4g} % of the processor's time"
+    assert told in run.status_note
+    assert any(f"busy.yaml:9: {told}" in warning for warning in check.warnings)
+    if overrun == "skip":
+        # Every second call comes too early, and one cycle is under way at the end at most.
+        assert called.waiting == 0 and calls - called.cycles - called.overruns in (0, 1)
+    else:
+        assert called.cycles in (132, 133)
+        assert called.waiting == calls - called.cycles - 1
+        late = called.overruns - called.waiting
+        left = f"task c began {late} cycles late and left {called.waiting} waiting at the end"
+        assert left in run.status_note
+        assert any(f"{called.waiting} that still wait" in warning for warning in check.warnings)
 
 
 def test_cycles_that_queue_without_end_stop_the_run(monkeypatch):

@@ -131,7 +131,7 @@ ROWS = {
     "converters": {"converter", "kind", "converts", "bits", "range", "step", "units", "remark"},
     "loops": {"path", "lag_s", "sampled"},
     "tasks": {"task", "period_s", "place", "operations", "compute_s", "utilisation"}
-    | {"cycles", "overruns", "worst_response_s", "when", "samples", "sends"},
+    | {"cycles", "overruns", "waiting", "worst_response_s", "when", "samples", "sends"},
 }
 TRIAL = {"played_s", "of_s", "status", "note", "interval_s"}
 LISTED = {"name", "title", "file"}

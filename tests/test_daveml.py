@@ -1,8 +1,10 @@
 """DAVE-ML models in patches: published check shots, arithmetic, and files that are wrong or hostile."""
 
 import csv
+import itertools
 import json
 import math
+import re
 
 import numpy as np
 import pytest
@@ -526,6 +528,80 @@ def test_names_that_are_no_words_or_come_twice_are_read_by_their_id():
     model = read_model(swapped.replace('varID="cl"', 'varID="speed"'), "wing.dml", "w")
     assert model.find("speed").id == "v" and len(set(model.words.values())) == len(model.words)
     assert model.words["v"] == "speed"
+
+
+@pytest.mark.parametrize(
+    ("a", "b", "quotient", "rem"),
+    [(7, 3, 2, 1), (-7, 3, -2, -1), (7, -3, -2, 1), (-7, -3, 2, -1), (6, 3, 2, 0), (0, 3, 0, 0),
+     (0.7, 0.1, 6, math.fmod(0.7, 0.1)), (1e15, 7, 142857142857142, math.fmod(1e15, 7))],
+)  # fmt: skip
+def test_quotient_and_remainder_of_mathml(a, b, quotient, rem):
+    """MathML 2, 4.4.3.1 and 4.4.3.5: towards 0, and the remainder has the sign of a, as C's fmod has."""
+    for tag, expected in (("quotient", quotient), ("rem", rem)):
+        text = f"<math><apply><{tag}/><cn>{a}</cn><cn>{b}</cn></apply></math>"
+        assert evaluate(read_math(read_xml(text, ""), lambda name, _: name), {}) == expected
+
+
+def test_exclusive_or_of_mathml():
+    """True where an odd number of its operands is; any number but 0 is true."""
+    for values in itertools.product((0, 1, 2.5), repeat=3):
+        for count in (1, 2, 3):
+            operands = "".join(f"<cn>{value}</cn>" for value in values[:count])
+            root = read_xml(f"<math><apply><xor/>{operands}</apply></math>", "")
+            found = evaluate(read_math(root, lambda name, _: name), {})
+            assert found == sum(map(bool, values[:count])) % 2
+
+
+PIECES = (
+    "<piecewise><piece><cn>1</cn><apply><lt/><ci>alpha</ci><cn>4</cn></apply></piece>"
+    "<piece><cn>2</cn><apply><gt/><ci>alpha</ci><cn>LIMIT</cn></apply></piece></piecewise>"
+)
+
+
+def test_a_choice_that_no_piece_makes_ends_the_run(flown):
+    """alpha is 5: with a piece for what is above 4.5 the force is 2 lbf, with one above 6 nothing is."""
+    old = "<apply><times/><ci> cl </ci><ci>v</ci><ci>b</ci></apply>"
+    made = flown(MODEL.replace(old, PIECES.replace("LIMIT", "4.5")))
+    assert made.record["force"].values[-1] / LBF == pytest.approx(2, rel=4 * EPS)
+    ended = flown(MODEL.replace(old, PIECES.replace("LIMIT", "6")))
+    assert ended.status == "stopped" and "computed no finite number for" in ended.status_note
+
+
+@pytest.mark.parametrize("encoding", ["UTF-8", "utf-16", "ISO-8859-1", "us-ascii", "windows-1252"])
+def test_a_model_is_read_by_the_encoding_that_it_declares(flown, tmp_path, encoding):
+    """The same figures, and words in the letters of the file; the second byte of a letter in UTF-8 would
+    be another letter in ISO-8859-1."""
+    plain = float(flown(MODEL).record["force"][-1])
+    letters = "" if encoding == "us-ascii" else "\u00c4\u00e9"
+    body = MODEL.split("?>", 1)[-1]
+    model = f'<?xml version="1.0" encoding="{encoding}"?>\n<!-- {letters} -->{body}'
+    (tmp_path / "wing.dml").write_bytes(model.encode(encoding))
+    assert float(run(read_patch(tmp_path / "a.yaml")).record["force"][-1]) == plain
+
+
+@pytest.mark.parametrize(
+    ("declared", "written", "says"),
+    [
+        ("UTF-8", "ISO-8859-1", "not a text in UTF-8; save it as UTF-8"),
+        (
+            "EBCDIC",
+            "UTF-8",
+            "declares the encoding 'EBCDIC'; those read are UTF-8, UTF-16, ISO-8859-1",
+        ),
+        ("UTF-16", "UTF-8", "declares the encoding UTF-16, but is not in UTF-16"),
+        ("UTF-8", "UTF-16", "declares the encoding UTF-8, but is in UTF-16; declare what it is"),
+        ("us-ascii", "UTF-8", "not a text in US-ASCII; save it as UTF-8"),
+    ],
+)
+def test_a_model_in_another_encoding_than_declared_is_refused(
+    flown, tmp_path, declared, written, says
+):
+    flown(MODEL)
+    body = MODEL.split("?>", 1)[-1]
+    model = f'<?xml version="1.0" encoding="{declared}"?><!-- \u00c4 -->{body}'
+    (tmp_path / "wing.dml").write_bytes(model.encode(written))
+    with pytest.raises(PatchError, match=r"wing.dml:1: " + re.escape(says)):
+        read_patch(tmp_path / "a.yaml")
 
 
 def test_numbers_in_e_notation():

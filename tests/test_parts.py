@@ -401,3 +401,37 @@ def test_words_of_a_sub_patch_have_lengths_and_states_of_their_own() -> None:
     assert float(record["b.y"][-1]) == np.float32(np.float32(record["a.sum"][-1]) / np.float32(3))
     with pytest.raises(PatchError, match=r"^t:8 \(part a of t:11\): .*'a.kk'"):
         parse_patch(text.replace("y + k,", "y + kk,"), "t")
+
+
+AROUND_DRAG = """\
+title: A part whose inputs have units
+parts:
+  air:
+    use: air
+    inputs: {vx: GIVEN, vy: 4 m/s}
+definitions:
+  air:
+    inputs: {vx: 300 m/s, vy: 0 m/s}
+    outputs: [speed]
+    digital: {program: {speed: "sqrt(vx*vx + vy*vy)"}}
+digital: {period: 10 ms, program: {twice: 2*air.speed}}
+run: {until: 1 s}
+"""
+
+
+@pytest.mark.parametrize("given", ["3", "3e0", "3.", "0.003 km/s"])
+def test_a_bare_number_for_an_input_is_in_the_si_unit_that_is_due(given: str) -> None:
+    result = hybrid.run(hybrid.parse_patch(AROUND_DRAG.replace("GIVEN", given)))
+    speed = result.record["twice"]
+    assert (float(speed[-1]), speed.attrs["units"]) == (10.0, "m/s")  # 3, 4, 5
+
+
+@pytest.mark.parametrize(
+    ("given", "is_"), [("3 kg", "in kg"), ("20 deg", "a pure number"), ("3 m", "in m")]
+)
+def test_a_number_in_another_unit_is_told_where_it_is_given(given: str, is_: str) -> None:
+    with pytest.raises(
+        PatchError,
+        match=rf"^two.yaml:5: input 'vx' of part 'air' \(two.yaml:8\) must be in m/s; .* is {is_}",
+    ):
+        hybrid.parse_patch(AROUND_DRAG.replace("GIVEN", given), "two.yaml")

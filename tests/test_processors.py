@@ -178,7 +178,7 @@ run: {until: 1 s, every: 10 ms}
     assert main(["run", str(file), "--no-chart", "--out", str(tmp_path)]) == 0
     shown = capsys.readouterr().out
     assert "the tasks ask for 150 % of the processor's time; task only left out" in shown
-    assert "Tasks, 150 % of the processor's time" in shown
+    assert "Tasks, asking for 150 % of the processor's time" in shown
 
 
 def test_a_check_warns_of_too_much_work(tmp_path, capsys):

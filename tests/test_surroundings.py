@@ -9,6 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+import hybrid
 from hybrid.cli import main
 from hybrid.errors import PatchError
 from hybrid.expressions import FUNCTIONS, evaluate
@@ -289,3 +290,49 @@ def test_a_bare_literal_is_in_si_units():
 def test_every_function_is_in_the_readme():
     text = (Path(__file__).parent.parent / "README.md").read_text(encoding="utf-8")
     assert not [name for name in FUNCTIONS if not re.search(rf"\b{name}\b", text)]
+
+
+KNOWN = """\
+title: Heights that are known before the run
+machine: ideal
+parameters:
+  h: 200 km
+  top: 86 km
+  none: 0 kg/m^3
+  rho: density_us76(h)
+analog:
+  air: {constant: density_us76(h), full_scale: 1 kg/m^3}
+  thin: {constant: "select(h > top, none, density_us76(h))", full_scale: 1 kg/m^3}
+interface:
+  seen: {adc: air}
+digital:
+  period: 10 ms
+  program:
+    y: density_us76(h)
+    z: seen + 2*rho
+run: {until: 1 s}
+"""
+
+
+def test_a_height_beyond_the_standard_is_told_where_it_is_known_before_the_run():
+    """In a parameter, in a constant and in a word; not in the branch that is left out, nor of what is
+    given from outside in place of the parameter that asked."""
+    patch = parse_patch(KNOWN, "known.yaml")
+    asks = "asks density_us76 for height = 200000 m, outside -5000 to 86000 (continued)"
+    by_line = {
+        7: f"parameter 'rho' {asks}",
+        9: f"constant of component 'air' {asks}",
+        16: f"word 'y' {asks}",
+    }
+    warnings = hybrid.check(patch, trial=False).warnings
+    assert sorted(warnings) == sorted(
+        f"known.yaml:{line}: {told}" for line, told in by_line.items()
+    )
+    note = hybrid.run(patch).status_note
+    assert sorted(note.split("; ")) == sorted(by_line.values())
+    rho_given = hybrid.run(patch, {"rho": 1.0}).status_note
+    assert sorted(rho_given.split("; ")) == sorted(list(by_line.values())[1:])
+    for inside in (86e3, 0.0, -5e3):
+        assert not hybrid.run(patch, {"h": inside}).status_note
+        assert not hybrid.check(patch, {"h": inside}, trial=False).warnings
+    assert "height = 86000.1 m, outside" in hybrid.run(patch, {"h": 86000.1}).status_note

@@ -2,6 +2,7 @@
 
 import hashlib
 import json
+import math
 
 import numpy as np
 import pytest
@@ -222,6 +223,53 @@ def test_what_lay_outside_is_told(tmp_path, capsys, monkeypatch):
     assert main(["sweep", "a.yaml", "--over", "step=1 ft:2 ft:2", "--jobs", "1", "--json"]) == 0
     points = json.loads(capsys.readouterr().out)["points"]
     assert all("drag in word 'cd'" in point["note"] for point in points)
+
+
+DEGREES = """
+title: A table in degrees
+parameters: {angle: 1 rad}
+tables:
+  lift: {inputs: {pitch: deg}, values: {-89: -1, 89: 1}, outside: clamp}
+digital:
+  period: 1 s
+  compute_time: 0
+  remember: {k: 0}
+  program:
+    k: previous(k) + 1
+    cl: lift(k*angle)
+run: {until: 1 s}
+"""
+
+
+@pytest.mark.parametrize(
+    ("angle", "told"),
+    [
+        # The second angle is twice the first; 0.5 rad is within, 1 rad too.
+        (math.radians(60), "pitch = 120 deg, outside -89 to 89 (once at 1 s; clamped)"),
+        (
+            math.radians(100),
+            "pitch = 100 deg, outside -89 to 89 (2 times, first at 0 s; at worst 200 deg; clamped)",
+        ),
+        (
+            -math.radians(44.50001),
+            "pitch = -89.00002 deg, outside -89 to 89 (once at 1 s; clamped)",
+        ),
+        # A step of a double at 1.553 rad is 2.2e-16 rad, 1.3e-14 deg; twice it, as the half is doubled.
+        (
+            np.nextafter(math.radians(89) / 2, 1),
+            "pitch = 89 deg, outside -89 to 89 by 1e-14 (once at 1 s; clamped)",
+        ),
+        (math.radians(89) / 2, None),
+    ],
+)
+def test_what_lay_outside_is_told_in_the_unit_of_the_table(angle, told):
+    result = run(parse_patch(DEGREES), {"angle": float(angle)})
+    asked = "lift in word 'cl' was asked for "
+    assert result.status_note == (asked + told if told else "")
+    if told:
+        (found,) = result.outside
+        assert found["units"] == "" and found["range"] == [-math.radians(89), math.radians(89)]
+        assert found["value"] == angle * (1 + ("once" in told))
 
 
 BOTH_SIDES = """

@@ -71,6 +71,49 @@ def test_the_step_of_later_cycles_is_counted(formula, products):
     assert program_operations(tape, 0)["multiply"] == products
 
 
+DECAY = (
+    COUNTED.replace("{integrate: rate,", "{integrate: -x/tau,")
+    .replace(
+        "  program: {rate: previous(rate)}\n  remember: {rate: 1}\n", "  program: {double: x + x}\n"
+    )
+    .replace("digital:", "parameters: {tau: 1 s}\ndigital:")
+)
+
+
+@pytest.mark.parametrize(
+    ("formula", "add", "multiply", "divide", "store"),
+    [
+        # A rate is a change of sign and a division. The step is a product for each rate, their sum, and
+        # the sum with the state; words and states are stored, and so is each rate that is kept.
+        ("euler", 2, 1, 1, 1),
+        ("ab2", 3, 2, 1, 2),
+        ("ab3", 4, 3, 1, 3),
+        ("ab4", 5, 4, 1, 4),
+        # Rates 1 + s, and s - 1 stages of a product and a sum at least.
+        ("rk2", 5, 3, 2, 1),
+        ("rk4", 11, 7, 4, 1),
+    ],
+)
+def test_the_operations_are_those_counted_by_hand(formula, add, multiply, divide, store):
+    tape = compile_patch(parse_patch(DECAY.replace("FORMULA", formula))).tape
+    expected = {"add": add + 1, "multiply": multiply, "divide": divide, "store": store + 1}
+    assert program_operations(tape, 0) == {**expected, "square_root": 0}  # 1 and 1 for the word
+
+
+def test_formulas_that_start_one_after_the_other_are_counted_as_later_on():
+    """Of ab2, ab4 and rk2 side by side: each its own step, and no word of how they start."""
+    own = [(3, 2, 1, 2), (5, 4, 1, 4), (5, 3, 2, 1)]
+    add, multiply, divide, store = map(sum, zip(*own, strict=True))
+    states = ", ".join(
+        f"{x}: {{integrate: -{x}/tau, initial: 0, formula: {formula}}}"
+        for x, formula in (("x", "ab2"), ("y", "ab4"), ("z", "rk2"))
+    )
+    text = DECAY.replace("{x: {integrate: -x/tau, initial: 0, formula: FORMULA}}", f"{{{states}}}")
+    found = program_operations(compile_patch(parse_patch(text)).tape, 0)
+    print(found, add, multiply, divide, store)
+    assert found["divide"] == divide and found["store"] == store + 1
+
+
 # --- integration in tasks --------------------------------------------------------------------------
 
 ONE = """\

@@ -8,7 +8,7 @@ import pytest
 
 from hybrid.compiler import compile_patch
 from hybrid.engine.bursts import run_bursts
-from hybrid.engine.helper_functions import INSTANT, compute_helper
+from hybrid.engine.helper_functions import INSTANT, PER_SITE, compute_helper
 from hybrid.engine.lookup import look_up, new_places, note_missed
 from hybrid.engine.preparation import deck_of, written_deck
 from hybrid.engine.rounding import compute
@@ -65,7 +65,8 @@ class Tight:
 def played(player, adcs):
     """Words after every cycle with random ADC words, and what was out of range."""
     tape, r, rng = player.tape, player.r, np.random.default_rng(1)
-    notes, words, found = np.zeros((len(tape.sites) + 1, 6)), np.zeros(len(tape.words)), []
+    notes = np.zeros((len(tape.sites) * PER_SITE + 1, 6))
+    words, found = np.zeros(len(tape.words)), []
     for cycle in range(CYCLES):
         notes[-1, INSTANT] = cycle
         r[:adcs] = rng.uniform(-1.0, 1.0, adcs) * (10.0 if cycle % 7 == 0 else 1.0)

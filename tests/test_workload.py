@@ -4,6 +4,7 @@ millisecond by millisecond in plain Python, in every shipped patch with tasks, a
 from __future__ import annotations
 
 import json
+import math
 from dataclasses import dataclass, replace
 from fractions import Fraction
 
@@ -200,7 +201,7 @@ def test_a_clock_that_is_late_changes_neither_utilisation_nor_the_number_of_cycl
 @pytest.mark.parametrize("name", ["rate_groups", "two_precisions"])
 def test_every_shipped_patch_with_tasks_tells_of_them(name, capsys, tmp_path):
     keys = {"task", "period_s", "place", "operations", "compute_s", "utilisation", "cycles"}
-    keys |= {"overruns", "worst_response_s", "when", "samples", "sends"}
+    keys |= {"overruns", "waiting", "worst_response_s", "when", "samples", "sends"}
     verbs = (["run", "--no-chart", "--out", str(tmp_path)], ["check", "--no-trial"])
     for verb, *options in verbs:
         assert main([verb, name, *options, "--json"]) == 0
@@ -247,3 +248,47 @@ def test_a_program_that_takes_longer_than_its_period_on_its_processor_is_told():
         assert any(says in warning for warning in warnings) == told
     given = ONE.replace("compute_time: counted", "compute_time: 12.5 ms").replace("ADD", "1 ms")
     assert not hybrid.run(parse_patch(given)).status_note  # a pipeline, as the README says
+
+
+LATE = """\
+title: A multiplexer with many channels
+machine: ideal
+analog:
+  now: {integrate: {one: 1}, initial: 0 s, full_scale: 10 s}
+  one: {constant: 1, full_scale: 1}
+interface:
+  seen: {adc: now, channel: CHANNEL}
+digital:
+  period: 10 ms
+  skew: 1 ms
+  program: {then: seen}
+run: {until: 2 s}
+"""
+
+
+TURN = "ADC 'seen' samples {} s after its cycle begins, channel times skew, which is"
+
+
+@pytest.mark.parametrize(
+    ("channel", "told"),
+    [
+        (9, ""),
+        (
+            10,
+            f"{TURN.format(0.01)} 1 periods",
+        ),
+        (
+            900,
+            f"{TURN.format(0.9)} 90 periods",
+        ),
+    ],
+)
+def test_an_adc_whose_turn_comes_after_its_period_is_told(channel, told):
+    patch = parse_patch(LATE.replace("CHANNEL", str(channel)), "late.yaml")
+    run, check = hybrid.run(patch), hybrid.check(patch, trial=False)
+    assert run.status == "complete"
+    assert told in run.status_note and bool(told) == bool(run.status_note)
+    assert any(f"late.yaml:7: {told}" in warning for warning in check.warnings) == bool(told)
+    # The words say the same: each is of so long after the start of a cycle.
+    last_ms = 1e3 * run.record["then"].values[-1]
+    assert math.remainder(last_ms - channel, 10) == pytest.approx(0, abs=1e-6)

@@ -14,6 +14,9 @@ from hybrid.scale import to_seconds
 from hybrid.tables import ACTIONS, ENDLESS, STOPS
 from hybrid.tape import Site
 
+# A value that differs from an end of the range only beyond these is told with by how much.
+MOST_DIGITS = 9
+
 
 @dataclass(frozen=True, slots=True)
 class Outside:
@@ -52,30 +55,41 @@ class Outside:
         }
 
     def __str__(self) -> str:
-        site, unit = self.site, self.site.units[self.argument]
+        site, (unit, factor) = self.site, self.site.told_in[self.argument]
         if site.table and self.argument == len(site.table.axes):
             place = f"a place beyond its points, by {self.value:.3g} of their range"
         else:
-            beyond = beyond_text(self.value, unit, *self.range)
+            beyond = beyond_text(self.value, *self.range, unit, factor)
             place = f"{site.arguments[self.argument]} = {beyond}"
         asked = f"{known_as(site.function)} in word {known_as(site.word)!r} was asked for {place}"
         if self.action == STOPS:
             return asked
         often = "once" if self.times == 1 else f"{self.times} times, first"
-        worst = f"; at worst {self.worst:.6g} {unit}".rstrip() if self.worst != self.value else ""
+        worst = ""
+        if self.worst != self.value:
+            worst = f"; at worst {self.worst / factor:.6g} {unit}".rstrip()
         return f"{asked} ({often} at {self.time_s:.6g} s{worst}; {ACTIONS[self.action]})"
 
 
-def beyond_text(value: float, unit: str, low: float, high: float) -> str:
-    """A value and the range it is outside of, in as many digits as it takes to see that it is."""
-    for digits in range(6, 18):
-        told, first, last = (f"{x:.{digits}g}" for x in (value, low, high))
+def beyond_text(value: float, low: float, high: float, unit: str, factor: float = 1.0) -> str:
+    """A value and the range it is outside of, in digits that tell the two apart, or by how much.
+
+    Args: all in SI units; unit, factor: in which they are told, and its SI value.
+    """
+    for digits in range(6, MOST_DIGITS + 1):
+        told, first, last = (f"{x / factor:.{digits}g}" for x in (value, low, high))
         if told not in (first, last):
+            by = ""
             break
+    else:
+        told, first, last = (f"{x / factor:.6g}" for x in (value, low, high))
+        by = f" by {max(low - value, value - high) / factor:.1g}"
     told = f"{told} {unit}".rstrip()
     if high >= ENDLESS:
-        return f"{told}, below {first}"
-    return f"{told}, above {last}" if low <= -ENDLESS else f"{told}, outside {first} to {last}"
+        return f"{told}, below {first}{by}"
+    if low <= -ENDLESS:
+        return f"{told}, above {last}{by}"
+    return f"{told}, outside {first} to {last}{by}"
 
 
 def outside(player: Player) -> tuple[Outside, ...]:

@@ -12,6 +12,7 @@ import re
 from pathlib import Path
 
 from hybrid.errors import PatchError, Place, one_line, quoted
+from hybrid.xmltree import encoding_of
 from hybrid.yamltree import Text
 
 LARGEST_FILE = 50_000_000  # bytes
@@ -49,14 +50,20 @@ class Files:
             )
         self.hashes[path.text] = hashlib.sha256(content).hexdigest()
         shown = one_line(str(file_path))
-        if b"\0" in content and not content.startswith((b"\xff\xfe", b"\xfe\xff")):
+        try:
+            encoding = encoding_of(content)
+        except ValueError as error:
+            raise PatchError(str(error), Place(shown, 1)) from None
+        if b"\0" in content and encoding != "UTF-16":
             line = content.count(b"\n", 0, content.index(b"\0")) + 1
             raise PatchError("a NUL byte, which no text has; take it out", Place(shown, line))
         try:
-            return shown, content.decode("utf-8-sig")
+            return shown, content.decode(encoding).removeprefix("\ufeff")
         except UnicodeDecodeError as error:
             line = content.count(b"\n", 0, error.start) + 1
-            raise PatchError("not a text in UTF-8; save it as UTF-8", Place(shown, line)) from None
+            raise PatchError(
+                f"not a text in {encoding}; save it as UTF-8", Place(shown, line)
+            ) from None
 
     def _expanded(self, path: Text, what: str) -> str:
         def value(found: re.Match[str]) -> str:

@@ -22,6 +22,7 @@ from hybrid.patchfile.definitions import (
     definition_in,
     named_definition,
 )
+from hybrid.patchfile.inputs import fitted
 from hybrid.patchfile.placing import Told
 from hybrid.patchfile.renaming import Part, Scope
 from hybrid.yamltree import Table, Text, Tree, kind_of
@@ -265,7 +266,7 @@ class _Writer:
                 )
             text = scope.text(inputs[name])
             if isinstance(tree, Text):
-                words[name] = text
+                words[name] = fitted(f"input {name!r} of part {use.name!r} ({place})", tree, text)
             elif NAME_IN_TEXT.fullmatch(text.text):
                 aliases[name] = text.text
             else:

@@ -47,6 +47,7 @@ class _Column:
     name: str
     unit: str
     dimension: Dimension
+    factor: float = 1.0  # SI value of one `unit`
 
     def number(self, text: str, place: Place, what: str) -> float:
         """A number in SI units; a bare one is in the column's unit."""
@@ -96,7 +97,8 @@ def _table(book: Book, name: str, fields: Fields, place: Place) -> Table:
 
 
 def _axis(column: _Column, points: Sequence[float], ends: tuple[float, float], action: int) -> Axis:
-    return Axis(column.name, np.array(points), ends, action, action, column.dimension)
+    unit, factor = column.unit, column.factor
+    return Axis(column.name, np.array(points), ends, action, action, column.dimension, unit, factor)
 
 
 def _between_points(
@@ -143,11 +145,11 @@ def _column(name: str, tree: Tree | None, fields: Fields) -> _Column:
             tree.place,
         )
     try:
-        unit, _, dimension = unit_of(f"1 {tree.text}")
+        unit, factor, dimension = unit_of(f"1 {tree.text}")
     except UnitError as error:
         told = f"{fields.what}: unit of {quoted(name)}: {error}; of a pure number it is 1"
         raise PatchError(told, tree.place) from None
-    return _Column(name, unit, dimension)
+    return _Column(name, unit, dimension, factor)
 
 
 def _checked(check: Callable[[], _Found], what: str, place: Place) -> _Found:
