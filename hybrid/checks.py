@@ -13,7 +13,6 @@ from typing import TYPE_CHECKING, Any
 from hybrid import coupling, shots
 from hybrid.arguments import Parameters, Source, machine_of
 from hybrid.asked_before import asked_before
-from hybrid.components import CATALOG
 from hybrid.components.delay import DEFAULT_ORDER, good_to
 from hybrid.cycle_map import stretch_s
 from hybrid.equipment import Part, count_parts
@@ -23,7 +22,7 @@ from hybrid.loops import Loops, loops_of
 from hybrid.loudness import short_windows
 from hybrid.machine import Machine
 from hybrid.patch import Value
-from hybrid.potentiometers import dialled_core, setting_of
+from hybrid.potsheet import PotRow, pot_rows
 from hybrid.prediction import Case, closed_form_case
 from hybrid.ratetest import RateRow, rate_test, rate_warnings, static_check
 from hybrid.record import full_scales, machine_facts, signal_units
@@ -60,18 +59,6 @@ class ScaleRow:
     used: float | None = None
     proposed: float | None = None
     remark: str = ""
-
-
-@dataclass(frozen=True, slots=True)
-class PotRow:
-    """One coefficient in machine units: sign, potentiometer setting (0 to 1) and amplifier gain."""
-
-    component: str
-    input: str
-    coefficient_mu: float
-    setting: float
-    gain: int
-    inverted: bool
 
 
 @dataclass(frozen=True, slots=True)
@@ -200,7 +187,7 @@ def check(
     tried = try_out(compiled) if trial else None
     values, rates = static_check(compiled)
     tested = rate_test(compiled, rates, tried)
-    pots, rows = _pots(compiled), task_rows(compiled, timeline)
+    pots, rows = pot_rows(compiled), task_rows(compiled, timeline)
     if tried and any(task.when for task in compiled.timing.tasks):
         rows = tried.tasks
     compared, disagreeing = check_shots(compiled.patch)
@@ -272,7 +259,26 @@ def _warnings(machine: Machine) -> tuple[str, ...]:
                 what = f"{edge.what} is {edge.number(scope):g} s, after the end of the run"
                 warn(edge, f"{what} at {until_s:g} s: {told}")
                 break
-    return (*found, *_unscaled(machine))
+    return (*found, *_coarse_products(machine), *_unscaled(machine))
+
+
+def _coarse_products(machine: Machine) -> list[str]:
+    """Products by diode squarers that err by more of their full scale than their segments say."""
+    found = []
+    scale = dict(zip(machine.analog.signals, machine.analog.full_scale.tolist(), strict=True))
+    for component in machine.patch.components:
+        if "quarter_square" not in component.values:
+            continue
+        values = {k: v.number(machine.parameters) for k, v in component.values.items()}
+        a, b = component.signals
+        most = abs(values.get("gain", 1.0)) * scale[a] * scale[b] / scale[component.name]
+        if most > 1.0 + 1e-9:
+            n = int(values["quarter_square"])
+            found.append(
+                f"{component.place}: {component.name!r} errs by up to {most / (4 * n * n):.2g} of its "
+                f"full scale, not by 1/(4 n^2): its inputs at full scale make {most:.4g} of it"
+            )
+    return found
 
 
 def _unscaled(machine: Machine) -> list[str]:
@@ -307,40 +313,6 @@ def _scaling(
         )
         for name, value in zip(machine.analog.signals, values, strict=True)
     )
-
-
-def _pots(machine: Machine) -> tuple[PotRow, ...]:
-    """Coefficients in machine units: gain times full scale in over full scale out."""
-    scale = dict(zip(machine.analog.signals, machine.analog.full_scale.tolist(), strict=True))
-    rows = []
-    for component in sorted(machine.patch.components, key=lambda c: c.name):
-        values = {k: v.number(machine.parameters) for k, v in component.values.items()}
-        gains = {s: v.number(machine.parameters) for s, v in component.terms}
-        kind = CATALOG[component.kind]
-        if not kind.is_linear:
-            continue
-        resolution = machine.stages[component.name].pot_resolution
-        core = dialled_core(kind.core(values, gains), component.name, scale, resolution)
-        own = scale[component.name]
-        entries = {s: g * scale[s] / own / (core.loop_rate or 1.0) for s, g in core.gains.items()}
-        if core.feedback and not core.loop_rate:
-            entries["(itself)"] = core.feedback
-        if core.initial is not None and "initial" in values:
-            entries["(initial)"] = core.initial / own
-        if component.kind == "noise_source":
-            entries = {"(reference)": core.noise / own}
-        if component.kind == "constant" or core.steps:
-            stepped = core.steps[0].value if core.steps else 0.0
-            entries["(reference)"] = (stepped if core.integrated else core.constant + stepped) / own
-        # What is zero has no cord.
-        rows += [_pot(component.name, name, value) for name, value in entries.items() if value]
-    return tuple(rows)
-
-
-def _pot(component: str, name: str, value: float) -> PotRow:
-    """A potentiometer goes from 0 to 1; an amplifier input with a gain of 10, 100 ... does the rest."""
-    setting, gain = setting_of(value)
-    return PotRow(component, name, value, setting, gain, value < 0)
 
 
 def _converters(machine: Machine) -> tuple[ConverterRow, ...]:

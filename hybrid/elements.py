@@ -12,7 +12,8 @@ Stage 1. An element, in the order things happen to its signal:
 
 What is not smooth is cut into pieces: each a parabola in the guarded quantity g, a row (low, high, at,
 c0, c1, c2) for c0 + c1 (g - at) + c2 (g - at)^2, valid from low to high. Bounds of neighbouring pieces
-overlap where there is hysteresis.
+overlap where there is hysteresis. An ANGLE goes on smoothly beyond its cut until it is led back by a
+turn; its two pieces tell on which side of the cut it is.
 """
 
 from __future__ import annotations
@@ -74,6 +75,11 @@ class Element:
 def amplified(element: Element, gain: float) -> Element:
     """The same element with its output times `gain`."""
     return replace(element, gain=gain * element.gain)
+
+
+def angle_pieces() -> list[tuple[float, ...]]:
+    """Angle below and above its cut, where it is c0: valid while `sweep.room_of` keeps its sign."""
+    return [(-math.inf, 0.0, 0.0, -math.pi, 0.0, 0.0), (0.0, math.inf, 0.0, math.pi, 0.0, 0.0)]
 
 
 def abs_pieces() -> list[tuple[float, ...]]:

@@ -139,7 +139,8 @@ def _run(made: argparse.ArgumentParser) -> None:
     made.add_argument(
         "--pens",
         metavar="SIGNAL[,SIGNAL]",
-        help="the signals that the strip chart draws, in order (default: the first 12 of the record)",
+        help="the signals that the strip chart draws, in order (default: the first 12 of record:, or "
+        "without it those of readouts, then integrators, then the rest)",
     )
     made.add_argument(
         "--xy",
@@ -240,9 +241,11 @@ def with_until(patch: Patch, text: str | None) -> Patch:
 
 
 def with_chosen(patch: Patch, pens: str | None) -> tuple[Patch, list[str] | None]:
-    """The signals of --pens, and the patch with them in its record, too."""
+    """The signals of --pens, or of a record of more than fit those that say most first; the patch with
+    them in its record, too."""
     if pens is None:
-        return patch, None
+        crowded = not patch.record and len(patch.signals) > MOST_PENS
+        return patch, _by_weight(patch) if crowded else None
     names = list(dict.fromkeys(name.strip() for name in pens.split(",")))
     for name in names:
         if name not in patch.signals:
@@ -252,6 +255,17 @@ def with_chosen(patch: Patch, pens: str | None) -> tuple[Patch, list[str] | None
     if not patch.record:  # all are in it
         return patch, names
     return replace(patch, record=tuple(dict.fromkeys((*patch.record, *names)))), names
+
+
+def _by_weight(patch: Patch) -> list[str]:
+    """All signals: what readouts read, what integrates, and then the rest, each by the alphabet."""
+    from hybrid.patch import State
+
+    read = {readout.signal for readout in patch.readouts}
+    states = {component.name for component in patch.components if component.kind == "integrate"}
+    if patch.program:
+        states |= {entry.word for entry in patch.program.written if isinstance(entry, State)}
+    return sorted(patch.signals, key=lambda name: (name not in read, name not in states))
 
 
 def swept_range(over: str) -> tuple[str, str]:

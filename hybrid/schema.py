@@ -194,7 +194,7 @@ def _component(kind: Kind) -> dict[str, Any]:
         made["properties"][kind.main.name]["maxProperties"] = 1
     if kind.main.holds is Holds.SIGNALS:
         count = {"minItems": kind.inputs, "maxItems": kind.inputs}
-        names = ["theta", "theta_dot"][: kind.inputs]
+        names = ["theta", "theta"][: kind.inputs]  # units fit
         made["properties"][kind.main.name].update({**count, "examples": [names]})
     return {"title": kind.key, "description": kind.doc, **made}
 

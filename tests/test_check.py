@@ -223,7 +223,7 @@ analog:
   pot: {coefficient: {x: 0.25}, full_scale: 1 V}
   loud: {coefficient: {x: 25}, full_scale: 1 V}
   slow: {lag: {x: 1}, time_constant: 1 s, full_scale: 1 V}
-  square: {multiply: [x, x], full_scale: 1 V}
+  square: {multiply: [x, x], gain: 1 1/V, full_scale: 1 V}
   size: {absolute: x, full_scale: 1 V}
 run: {until: 10 ms, every: 1 ms}
 """
@@ -238,6 +238,38 @@ def test_parts_by_hand():
     expected |= {"multiplier": 1, "function": 1, "source": 1, "potentiometer": 5}
     assert {p.part: p.count for p in found.parts} == expected
     assert found.parts[0].part == "amplifier"
+
+
+LEVELS = """
+title: What is set on parts that are not linear
+machine: ideal
+analog:
+  c: {constant: 1, full_scale: 2}
+  sq: {sine: 1, omega: 10 rad/s, full_scale: 4}
+  relay: {compare: {c: 1, sq: 0.5}, threshold: 0.3, hysteresis: 0.1, high: 0.5, full_scale: 1}
+  kept: {limit: sq, low: -0.5, high: 1, full_scale: 4}
+  p: {multiply: [c, sq], quarter_square: 23, full_scale: 0.8}
+  whole: {multiply: [c, sq], quarter_square: 23, full_scale: 8}
+run: {until: 10 ms, every: 1 ms}
+"""
+
+
+def test_levels_by_hand():
+    """Both inputs of the relay are 2 at full scale, so 1 each, and its figures of 2; limits of 4."""
+    found, _ = checked(LEVELS, trial=False)
+    shown = {(p.component, p.input): p.coefficient_mu for p in found.pots}
+    expected = {("c", "(reference)"): 0.5}
+    expected |= {("relay", "c"): 1.0, ("relay", "sq"): 1.0, ("relay", "(high)"): 0.5}
+    expected |= {("relay", "(threshold)"): 0.15, ("relay", "(hysteresis)"): 0.05}
+    expected |= {("kept", "(low)"): -0.125, ("kept", "(high)"): 0.25}
+    assert shown == pytest.approx(expected)
+
+
+def test_squarers_that_err_by_more_of_their_full_scale():
+    """8 of 0.8 is ten times 1/(4 23^2) = 4.7e-4; with a full scale of 8 it is that itself."""
+    found, _ = checked(LEVELS, trial=False)
+    (one,) = [warning for warning in found.warnings if "errs by" in warning]
+    assert "'p' errs by up to 0.0047 of its full scale" in one
 
 
 RATES = """

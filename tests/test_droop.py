@@ -18,7 +18,7 @@ parameters: {leak: 40 1/s, lag: 0 s}
 analog:
   v: {sine: 0.8 V, omega: 100 rad/s, full_scale: 1 V}
   gate: {pulse: 1, at: 10 ms, width: 5 ms, period: 25 ms, full_scale: 1}
-  late: {compare: {gate: 1}, threshold: 0.5, high: 1, full_scale: 1}
+  late: {compare: {gate: 1}, threshold: 0.5, high: 1 V, full_scale: 1 V}
   by_source: {track: v, control: gate, leak: leak, initial: 0.5 V, full_scale: 2 V, tau: lag}
   by_comparator: {track: v, control: late, leak: leak, initial: 0.5 V, full_scale: 2 V, tau: lag}
   tight: {track: v, control: gate, full_scale: 2 V}

@@ -129,6 +129,40 @@ def test_nonlinear_patches_agree_with_a_tight_reference(name, monkeypatch):
     assert np.max(np.ptp(played.rows, axis=0) / scale) > 1e-4  # something happens
 
 
+LEAVING = """
+title: A limited integrator leaves its stop
+machine: lags
+analog:
+  sq: {SOURCE, full_scale: 1}
+  fl: {integrate: {sq: 50 1/s}, initial: 0, LIMITS, full_scale: 1}
+run: {until: 38 ms, every: 0.5 ms}
+"""
+
+
+@pytest.mark.parametrize("engine", ["nonlinear", "reference"])
+@pytest.mark.parametrize(
+    ("source", "limits"),
+    [
+        ("step: -0.4, at: 20 ms, before: 0.4", "low: -0.3, high: 0.3"),
+        ("step: -0.4, at: 20 ms, before: 0.4", "saturation: 0.3"),
+        ("square: 0.4, period: 40 ms", "low: -0.3, high: 0.3"),
+    ],
+)
+def test_a_limited_integrator_leaves_its_stop(source, limits, engine):
+    """It rises by 20 a second to 0.3. From 20 ms on its input is 0.8 exp(-s / tau) - 0.4, which is 0
+    after tau ln 2: then it falls by 20 a second, less what the rest of the layer, 0.4 tau 50, holds up.
+    Its own lag shows a ramp tau late."""
+    text = LEAVING.replace("SOURCE", source).replace("LIMITS", limits)
+    found = run(hybrid.parse_patch(text), engine=engine)
+    assert found.status == "complete"
+    t, tau = found.time_s, 1e-6
+    falls = 0.3 - 20 * (t - 0.02 - tau * np.log(2)) + 50 * 0.4 * tau + 20 * tau
+    expected = np.where(t <= 0.02, np.minimum(20 * (t - tau), 0.3), falls)
+    expected[0] = 0.0
+    # At 15 ms the ramp has come to its stop, and what its lag shows not yet, by 20 tau.
+    assert np.max(np.abs(found.record["fl"].values - expected)) < 1e-8
+
+
 OVERLOAD = """
 title: An oscillator that is scaled too small
 machine: lags

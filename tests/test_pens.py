@@ -3,10 +3,10 @@
 import pytest
 from test_bad_input import complaint, here  # noqa: F401
 
-from hybrid import filing
+from hybrid import filing, parse_patch
 from hybrid.charts import strip
 from hybrid.cli import main
-from hybrid.options import MOST_PENS
+from hybrid.options import MOST_PENS, with_chosen
 
 PATCH = """\
 title: Pens
@@ -35,6 +35,16 @@ def test_the_chosen_pens_are_drawn_in_order_and_recorded(here, monkeypatch):  # 
     assert main(["run", "pens.yaml"]) == 0
     assert drawn == [(["x", "y", "z"], ["z", "x"]), (["x", "y"], None)]
     assert MOST_PENS == strip.MAX_LANES
+
+
+def test_without_a_choice_what_says_most_is_drawn_first():
+    """Of 14 signals what the readout reads, then the integrators, then the rest."""
+    sums = "".join(f"  a{i}: {{sum: {{x: 1}}, full_scale: 2}}\n" for i in range(11))
+    text = PATCH.replace("run:", sums + "run:").replace("record: [x, y]\n", "")
+    patch = parse_patch(text + "readouts: {end: {final: z}}\n")
+    others = [f"a{i}" for i in range(11)]
+    assert with_chosen(patch, None) == (patch, ["z", "x", "y", *sorted(others)])
+    assert with_chosen(parse_patch(PATCH), None)[1] is None
 
 
 @pytest.mark.parametrize(

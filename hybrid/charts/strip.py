@@ -148,7 +148,7 @@ def _heading(
         told = note if note.lower().startswith(status) else f"{status}: {note}".rstrip(": ")
         lines += [(line, style.ALARM) for line in textwrap.wrap(told[0].upper() + told[1:], 150)]
     if signal_count > MAX_LANES:
-        lines.append((f"The first {MAX_LANES} of {signal_count} signals are drawn.", style.INK))
+        lines.append((f"{MAX_LANES} of {signal_count} signals are drawn.", style.INK))
     return lines
 
 

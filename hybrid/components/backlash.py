@@ -15,15 +15,14 @@ from collections.abc import Mapping
 
 from hybrid import elements
 from hybrid.components.base import Core, Given
-from hybrid.components.nonlinear import Nonlinear
+from hybrid.components.nonlinear import SameUnit
 from hybrid.elements import Element
 from hybrid.language import Bound, Holds, Key, Unit
-from hybrid.units import Dimension
 
 RATE_1_S = 1e6
 
 
-class Backlash(Nonlinear):
+class Backlash(SameUnit):
     """Follows a signal with play."""
 
     key, symbol = "backlash", "backlash"
@@ -96,7 +95,3 @@ class Backlash(Nonlinear):
         """The position."""
         initial = given.values.get("initial", 0.0) / given.full_scale
         return Element(elements.SUM, {":play": 1.0}, initial, gain=given.full_scale)
-
-    def result(self, inputs: tuple[Dimension, ...]) -> Dimension:
-        """Dimension of the signal."""
-        return inputs[0]

@@ -105,6 +105,9 @@ class Kind:
     passes_jumps: ClassVar[bool] = False  # so does its output where that is true of all it reads
     inputs: ClassVar[int] = 0  # signals that the main key names, where it gives no coefficients
     piecewise_keys: ClassVar[frozenset[str]] = frozenset()  # with one of these it is not linear
+    factor: ClassVar[str] = ""  # the key of what its result is multiplied by
+    takes_angle: ClassVar[bool] = False  # what it reads is a pure number
+    takes_alike: ClassVar[bool] = False  # the signals of its main key have one unit
 
     def core(self, values: Mapping[str, float], gains: Mapping[str, float]) -> Core:
         """Linear core for the bound quantities `values` (by key) and input `gains` (by signal)."""
@@ -122,8 +125,12 @@ class Kind:
         """Hidden elements by name, which begins with a colon."""
         return {}
 
+    def settings(self, given: Given) -> Mapping[str, float]:
+        """What an operator sets on a part that is not linear, in machine units: by signal or (level)."""
+        return {}
+
     def result(self, inputs: tuple[Dimension, ...]) -> Dimension | None:
-        """Dimension of the output without `gain`, or None where it may be any."""
+        """Dimension of the output without its factor, or None where it may be any."""
         return None
 
     def unsuitable(self, given: Given) -> str:

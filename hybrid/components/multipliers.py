@@ -59,13 +59,15 @@ class Multiply(Nonlinear):
     key, symbol, inputs = "multiply", "multiplier", 2
     doc = "product of two signals"
     main = Key("multiply", Holds.SIGNALS, "the two signals", required=True)
+    factor = GAIN.name
     keys = (
         GAIN,
         Key(
             "quarter_square",
             Holds.INTEGER,
             "straight segments from zero to full scale of each of the two diode squarers that make the "
-            "product; n of them err by at most 1/(4 n^2) of full scale, 23 by 0.05 %",
+            "product; n of them err by at most 1/(4 n^2), 23 by 0.05 %, of gain times the full scales "
+            "of the two signals",
             default="an ideal product",
         ),
     )
@@ -148,6 +150,7 @@ class Divide(InFeedback):
     doc = "the first signal divided by the second; circuit: feedback needs a positive denominator"
     main = Key("divide", Holds.SIGNALS, "numerator and denominator", required=True)
     keys = (GAIN, *FEEDBACK_KEYS)
+    factor = GAIN.name
 
     def element(self, given: Given) -> Element:
         """w = gain * a / b."""
@@ -178,6 +181,7 @@ class SquareRoot(InFeedback):
     doc = "square root of a signal, 0 where it is negative"
     main = Key("square_root", Holds.SIGNAL, "the signal", required=True)
     keys = (GAIN, *FEEDBACK_KEYS)
+    factor = GAIN.name
 
     def element(self, given: Given) -> Element:
         """w = gain * sqrt(a)."""

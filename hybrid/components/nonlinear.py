@@ -14,7 +14,7 @@ from hybrid.components.base import Core, Given, Kind, Step
 from hybrid.components.sources import BIAS, PERIOD, too_short
 from hybrid.elements import Element
 from hybrid.language import LEAK, LEAK_LIMIT, Bound, Holds, Key, Unit
-from hybrid.units import Dimension
+from hybrid.units import PURE, Dimension
 
 GAIN = Key("gain", Holds.QUANTITY, "factor of the result", Unit.ANY, default="1")
 CONTROL = Key(
@@ -41,6 +41,16 @@ class Nonlinear(Kind):
         return Core()
 
 
+class SameUnit(Nonlinear):
+    """A kind whose output is in the unit of the signal that it reads, or of both."""
+
+    takes_alike = True
+
+    def result(self, inputs: tuple[Dimension, ...]) -> Dimension:
+        """Dimension of the signal."""
+        return inputs[0]
+
+
 class SinOf(Nonlinear):
     """Sine of an angle: half of a resolver."""
 
@@ -49,12 +59,17 @@ class SinOf(Nonlinear):
     main = Key("sin", Holds.SIGNAL, "the angle", required=True)
     keys = (Key("amplitude", Holds.QUANTITY, "factor of the sine", Unit.OWN, default="1"),)
     function = elements.SIN
+    factor, takes_angle = "amplitude", True
 
     def element(self, given: Given) -> Element:
         """w = amplitude * sin(a)."""
         (a,) = given.signals
         wave = Element(self.function, {a: 1.0})
         return elements.amplified(wave, given.values.get("amplitude", 1.0))
+
+    def result(self, inputs: tuple[Dimension, ...]) -> Dimension:
+        """A sine is a pure number."""
+        return PURE
 
 
 class CosOf(SinOf):
@@ -76,6 +91,7 @@ class AngleOf(Nonlinear):
     )
     main = Key("atan2", Holds.SIGNALS, "across and ahead", required=True)
     keys = (GAIN,)
+    factor, takes_alike = GAIN.name, True
 
     def element(self, given: Given) -> Element:
         """w = gain * atan2(a, b)."""
@@ -83,8 +99,8 @@ class AngleOf(Nonlinear):
         return elements.amplified(Element(elements.ANGLE, {a: 1.0}, second={b: 1.0}), gain)
 
     def result(self, inputs: tuple[Dimension, ...]) -> Dimension:
-        """A pure number of two signals in the same unit; anything else fits no full scale."""
-        return inputs[0] / inputs[1]
+        """An angle is a pure number."""
+        return PURE
 
 
 class FunctionGenerator(Nonlinear):
@@ -125,7 +141,7 @@ class FunctionGenerator(Nonlinear):
         return ""
 
 
-class Absolute(Nonlinear):
+class Absolute(SameUnit):
     """The size of a signal."""
 
     key = "absolute"
@@ -138,7 +154,7 @@ class Absolute(Nonlinear):
         return Element(elements.PIECES, {a: 1.0}, pieces=elements.abs_pieces())
 
 
-class Limit(Nonlinear):
+class Limit(SameUnit):
     """A signal kept between two limits."""
 
     key, symbol = "limit", "limiter"
@@ -151,6 +167,10 @@ class Limit(Nonlinear):
         (a,) = given.signals
         pieces = elements.limit_pieces(given.values["low"], given.values["high"])
         return Element(elements.PIECES, {a: 1.0}, pieces=pieces, initial_piece=1)
+
+    def settings(self, given: Given) -> Mapping[str, float]:
+        """Both limits."""
+        return {f"({key})": given.values[key] / given.full_scale for key in ("low", "high")}
 
     def unsuitable(self, given: Given) -> str:
         """The limits must leave something between them."""
@@ -202,8 +222,16 @@ class Compare(Nonlinear):
         )
         return Element(elements.PIECES, given.gains, pieces=pieces)
 
+    def settings(self, given: Given) -> Mapping[str, float]:
+        """Inputs, threshold and hysteresis as parts of the input that counts most; both levels."""
+        weights = {signal: gain * given.scales[signal] for signal, gain in given.gains.items()}
+        whole = max(map(abs, weights.values()), default=0.0) or 1.0
+        compared = {f"({key})": given.values.get(key, 0.0) for key in ("threshold", "hysteresis")}
+        levels = {f"({k})": given.values.get(k, 0.0) / given.full_scale for k in ("low", "high")}
+        return {k: v / whole for k, v in {**weights, **compared}.items()} | levels
 
-class Switch(Nonlinear):
+
+class Switch(SameUnit):
     """A relay: one of two signals, as a comparator or a DAC says."""
 
     key, symbol, inputs = "switch", "switch", 2
@@ -217,7 +245,7 @@ class Switch(Nonlinear):
         return Element(elements.SWITCH, {a: 1.0}, second={b: 1.0}, control=given.control)
 
 
-class Track(Nonlinear):
+class Track(SameUnit):
     """Track-store: follows a signal while told to, else holds its last value, which may droop."""
 
     key, symbol = "track", "track-store"

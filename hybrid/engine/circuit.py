@@ -19,6 +19,7 @@ import numpy as np
 import numpy.typing as npt
 
 from hybrid.elements import (
+    ANGLE,
     INPUT,
     INTEGRATE,
     MODE,
@@ -31,6 +32,7 @@ from hybrid.elements import (
     SWITCH,
     TRACK,
     Element,
+    angle_pieces,
     limit_pieces,
 )
 from hybrid.engine.arrays import Floats, Ints
@@ -62,8 +64,9 @@ LOW, HIGH, AT, C0, C1, C2 = range(6)
 # Columns of Circuit.noisy: element, row in noise_rates.
 SOURCE, RATE = 0, 1
 
-# What a corner guards: the sum u, the figure before saturation, or a limited integrator.
-OF_SUM, OF_OUTPUT, OF_INTEGRATOR = 0, 1, 2
+# What a corner guards: the sum u, the figure before saturation, a limited integrator, or how far an
+# angle is from where its piece ends.
+OF_SUM, OF_OUTPUT, OF_INTEGRATOR, OF_ANGLE = 0, 1, 2, 3
 
 
 # Before an instant at which signals are seen, noise is resolved by a window of so many lags. What up to
@@ -328,6 +331,8 @@ def _corners(e: Element) -> list[Corner]:
             found.append((OF_INTEGRATOR, _integrator_pieces(*limits), 1))
     elif e.kind == PIECES:
         found.append((OF_SUM, e.pieces, e.initial_piece))
+    elif e.kind == ANGLE:
+        found.append((OF_ANGLE, angle_pieces(), 1))
     if math.isfinite(e.saturation) and e.kind != INTEGRATE:
         found.append((OF_OUTPUT, limit_pieces(-e.saturation, e.saturation), 1))
     return found

@@ -12,7 +12,18 @@ from typing import NamedTuple
 
 import numpy as np
 
-from hybrid.elements import INPUT, INTEGRATE, MODE, NUMBER, PIECES, SINE, SUM, SWITCH, TRACK
+from hybrid.elements import (
+    ANGLE,
+    INPUT,
+    INTEGRATE,
+    MODE,
+    NUMBER,
+    PIECES,
+    SINE,
+    SUM,
+    SWITCH,
+    TRACK,
+)
 from hybrid.engine.arrays import Floats, Ints
 from hybrid.engine.circuit import (
     AMPLITUDE,
@@ -62,9 +73,11 @@ from hybrid.engine.sweep import (
     WANTED,
     State,
     X,
+    angle_in,
     function_of,
     is_high,
     piece_of,
+    room_of,
 )
 from hybrid.modes import HOLD, IC, OP
 
@@ -124,6 +137,21 @@ def _right_piece(
             change_piece(circuit, state, corner, -1, t_s, log)
         else:
             return float(piece_of(circuit.pieces, p, g))
+
+
+@compiled
+def _right_side(
+    circuit: Circuit, state: State, corner: int, angle: float, t_s: float, log: Log
+) -> float:
+    """Move to the piece that holds an angle from -pi to pi; the angle as that piece has it."""
+    room = room_of(state.piece[corner], angle_in(state.piece[corner], angle))
+    if state.piece[corner] > 0 and room < -SLACK_AT_REST:
+        change_piece(circuit, state, corner, -1, t_s, log)
+    elif state.piece[corner] == 0 and room > SLACK_AT_REST:
+        change_piece(circuit, state, corner, 1, t_s, log)
+    angle = angle_in(state.piece[corner], angle)
+    state.guard_start[corner] = room_of(state.piece[corner], angle)
+    return angle
 
 
 @inlined
@@ -304,6 +332,8 @@ def _settle_in_order(
                 v = u if is_high(rows, piece, memory, rows[e, CONTROL]) else w
             else:
                 v = function_of(kind, u, w, figures[e, EXPONENT])
+                if kind == ANGLE:
+                    v = _right_side(circuit, state, corner, v, t_s, log)
         v, before = figures[e, GAIN] * v + figures[e, OFFSET], memory[e, BEFORE]
         if stop >= 0:
             state.guard_start[stop] = v

@@ -157,6 +157,7 @@ class Reference:
         self.y = np.nan_to_num(initial[:, 1])
         self.stored = initial[:, 0].copy()
         self.stored_s = np.full(len(rows), self.now_s)
+        self._freed: set[int] = set()  # limited integrators, at this instant
         self.stores = np.flatnonzero(rows[:, KIND] == TRACK).tolist()
         self.piece = self.circuit.initial_piece.tolist()
         follows = np.isnan(initial[:, 1]) & (rows[:, LAG] >= 0)
@@ -295,6 +296,8 @@ class Reference:
                 value = figures[AMPLITUDE] * math.sin(figures[OMEGA] * t_s + figures[PHASE])
             else:
                 value = _FUNCTIONS[kind](u, w, figures[EXPONENT])
+                if kind == ANGLE:
+                    value, guard[part.corner] = _angle(value, self.piece[part.corner])
             if kind == TRACK and not self._is_high(part.control, before):
                 age_s = t_s - self.stored_s[e]
                 before[e] = float(self.stored[e]) * math.exp(-figures[LEAK] * age_s)
@@ -343,6 +346,8 @@ class Reference:
         slack = SLACK * max(1.0, abs(g))
         e = self.circuit.corners[corner, OWNER]
         if self.circuit.corners[corner, ROLE] == OF_INTEGRATOR and self.piece[corner] == 1:
+            if corner in self._freed:
+                return 0
             drive = v.drive[e] + self.circuit.figures[e, FEEDBACK] * g
             if g >= row[HIGH] and drive > SLACK * max(1.0, abs(drive)):
                 return 1
@@ -393,7 +398,11 @@ class Reference:
         return event
 
     def _change_piece(self, times_s: list[Floats]) -> None:
-        """Change what has come to its bound, and all that follows; raises Chatters and Gathers."""
+        """Change what has come to its bound, and all that follows; raises Chatters and Gathers.
+
+        Time has no digits to tell that a drive is beyond 0 by more than SLACK where it falls fast, so
+        that an integrator which it has just freed is not stopped again at the same instant.
+        """
         reason: Chatters | Gathers | None = None
         for (corner, step), times in zip(self._watched, times_s, strict=True):
             if len(times):
@@ -402,7 +411,10 @@ class Reference:
                 except (Chatters, Gathers) as too_often:
                     reason = too_often
                 self._go(corner, step)
+                if self.circuit.corners[corner, ROLE] == OF_INTEGRATOR and self.piece[corner] == 1:
+                    self._freed.add(corner)
         self._settled(self.now_s)
+        self._freed.clear()
         if reason:
             raise reason
 
@@ -429,6 +441,15 @@ class Reference:
         after = self._values(self.now_s + over_s).guard[corner]
         self.x, self.y = x, y
         return float(after - before) / over_s
+
+
+def _angle(angle: float, piece: int) -> tuple[float, float]:
+    """An angle beyond its cut, and how far it is from where its piece, 0 below or 1 above, ends."""
+    side = 1.0 if piece else -1.0
+    turned = side * angle
+    if turned < -0.5 * math.pi:
+        turned += 2.0 * math.pi
+    return side * turned, side * (math.pi - turned) * (turned + 1.0)
 
 
 def _far_out(t_s: float, z: Floats) -> float:

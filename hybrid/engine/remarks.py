@@ -17,6 +17,7 @@ from hybrid.engine.circuit import (
     HIGH,
     KIND,
     LOW,
+    OF_ANGLE,
     OF_INTEGRATOR,
     OF_SUM,
     OWNER,
@@ -52,7 +53,7 @@ def held_back(
     elements, found = dict(machine.elements), []
     for corner, (e, role, first, *_) in enumerate(circuit.corners.tolist()):
         by_limits = role == OF_INTEGRATOR and elements[names[e]].limits is not None
-        if role == OF_SUM or by_limits or overload[e, TIMES] > 0.0:
+        if role in (OF_SUM, OF_ANGLE) or by_limits or overload[e, TIMES] > 0.0:
             continue
         left = np.isfinite(state.changes[corner, [TURNED_S, TURNED_S + TURNS]])
         if state.piece[corner] != 1 or left.any():

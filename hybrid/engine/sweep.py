@@ -212,6 +212,30 @@ def piece_of(pieces: Floats, p: int, g: float) -> float:
 
 
 @inlined
+def angle_in(piece: int, angle: float) -> float:
+    """An angle from -pi to pi as its piece has it, which is smooth through the cut at +-pi.
+
+    Piece 1 (above) reaches from -pi/2 to 3 pi/2, piece 0 (below) from -3 pi/2 to pi/2.
+    """
+    if piece > 0 and angle < -0.5 * math.pi:
+        return angle + 2.0 * math.pi
+    if piece == 0 and angle > 0.5 * math.pi:
+        return angle - 2.0 * math.pi
+    return angle
+
+
+@inlined
+def room_of(piece: int, angle: float) -> float:
+    """The guard of an angle: falls through 0 where piece 1, rises through 0 where piece 0 ends.
+
+    Piece 1 ends at pi and at -1, piece 0 at -pi and at 1: angles about 0 change no piece.
+    """
+    if piece > 0:
+        return (math.pi - angle) * (angle + 1.0)
+    return (math.pi + angle) * (angle - 1.0)
+
+
+@inlined
 def is_high(rows: Ints, piece: Ints, memory: Floats, by: int) -> bool:
     """Whether element `by` is high: what it controls does not wait for its lag."""
     if rows[by, KIND] == PIECES:
@@ -356,6 +380,10 @@ def special(
             for i in range(LANES):
                 x, y = scratch[0, i], scratch[1, i]
                 scratch[0, i] = function_of(kind, x, y, figures[e, EXPONENT])
+            if kind == ANGLE:
+                for i in range(LANES):
+                    scratch[0, i] = angle_in(piece[corner], scratch[0, i])
+                    guard[corner, i] = room_of(piece[corner], scratch[0, i])
     kept = mode == HOLD and figures[e, KEEPS] != 0.0
     if kept:
         fill(scratch, 0, memory[e, X])

@@ -29,7 +29,7 @@ def check_cords(
     for component in components:
         for signal, value in component.terms:
             _check_coefficient(book, component, signal, value)
-        _check_gain(book, component)
+        _check_result(book, component)
         _check_initial(book, component)
     dimensions = {a.word: a.dimension for a in program.written} if program else {}
     for dac in dacs:
@@ -79,20 +79,41 @@ def _stand_in_dimension(book: Book, one: Connection) -> Dimension | None:
     return value_of(tree, one.what, scope)[1]
 
 
-def _check_gain(book: Book, component: Component) -> None:
-    """The gain of a product or a quotient turns its unit into that of the component."""
-    inputs = tuple(book.scales[signal].dimension for signal in component.signals)
-    plain, gain = CATALOG[component.kind].result(inputs), component.values.get("gain")
+def _check_result(book: Book, component: Component) -> None:
+    """What a component makes of the units that it reads, times its factor, is in its own unit.
+
+    A factor that is written as a bare number is in SI units of whatever is due; one that is not written
+    is a pure 1.
+    """
+    kind, what = CATALOG[component.kind], f"component {component.name!r}"
+    read = [book.scales[signal] for signal in component.signals]
+    inputs = tuple(scale.dimension for scale in read)
+    if kind.takes_angle and not inputs[0].is_pure:
+        raise PatchError(
+            f"{what} is the {kind.key} of {component.signals[0]!r}, which is "
+            f"{in_words(inputs[0], read[0].unit)}; it must be an angle",
+            component.place,
+        )
+    if kind.takes_alike and inputs[0] != inputs[-1]:
+        raise PatchError(
+            f"{what} reads {component.signals[0]!r}, which is {in_words(inputs[0], read[0].unit)}, and "
+            f"{component.signals[-1]!r}, which is {in_words(inputs[-1], read[-1].unit)}; these must "
+            "have the same units",
+            component.place,
+        )
+    plain, factor = kind.result(inputs), component.values.get(kind.factor)
     if plain is None:
         return
     wanted = component.dimension / plain
-    found = dimension_of(gain.expr, book.scope) if gain else PURE
-    if found not in (None, PURE, wanted):
-        raise PatchError(
-            f"gain of component {component.name!r} must be {in_words(wanted)}: without it the result "
-            f"is in {plain}, and full_scale is in {component.dimension}",
-            component.place,
-        )
+    found = dimension_of(factor.expr, book.scope) if factor else PURE
+    if found in (None, wanted) or (factor and found == PURE):
+        return
+    result = f"the result is {in_words(plain)}, and full_scale is {in_words(component.dimension)}"
+    if not kind.factor:
+        raise PatchError(f"units of {what} do not fit: {result}", component.place)
+    raise PatchError(
+        f"{kind.factor} of {what} must be {in_words(wanted)}: without it {result}", component.place
+    )
 
 
 def _check_initial(book: Book, component: Component) -> None:
