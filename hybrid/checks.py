@@ -17,7 +17,7 @@ from hybrid.components.delay import DEFAULT_ORDER, good_to
 from hybrid.cycle_map import stretch_s
 from hybrid.equipment import Part, count_parts
 from hybrid.errors import counted
-from hybrid.linearity import NotLinear
+from hybrid.linearity import NeverFinite, NotLinear, linear_program
 from hybrid.loops import Loops, loops_of
 from hybrid.loudness import short_windows
 from hybrid.machine import Machine
@@ -188,7 +188,8 @@ def check(
     compiled = machine_of(patch, parameters, machine, serial)
     check_windows(compiled)
     timeline = build_timeline(compiled)
-    events = f"{counted(timeline.cycles, 'cycle')}, {counted(timeline.rows, 'row')} of the record"
+    cycles = f"{counted(timeline.cycles, 'cycle')}, " if compiled.tape.words else ""
+    events = f"{cycles}{counted(timeline.rows, 'row')} of the record"
     if compiled.operation:
         number = compiled.operation.done(compiled.timing.until)
         operate_s = to_seconds(compiled.operation.operate)
@@ -216,6 +217,7 @@ def check(
         f"{events}, {thinned}" if thinned else events,
         (
             *_warnings(compiled),
+            *_never_finite(compiled),
             *rate_warnings(tested),
             *lost_constants(compiled),
             *workload_warnings(compiled, rows),
@@ -271,6 +273,17 @@ def _warnings(machine: Machine) -> tuple[str, ...]:
                 warn(edge, f"{what} at {until_s:g} s: {told}")
                 break
     return (*found, *_unscaled(machine))
+
+
+def _never_finite(machine: Machine) -> list[str]:
+    """The first word that divides by 0 in every cycle, say, unless words before it are not linear."""
+    try:
+        linear_program(machine.tape, len(machine.samplers))
+    except NeverFinite as reason:
+        return [str(reason)]
+    except NotLinear:
+        pass
+    return []
 
 
 def _unscaled(machine: Machine) -> list[str]:

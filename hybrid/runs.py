@@ -144,9 +144,10 @@ class Run:
         return self.record.to_dataframe()
 
     def __repr__(self) -> str:
+        cycles = f"{counted(self.cycles, 'cycle')}, " if self.machine.tape.words else ""
         lines = [
             f"<Run {self.machine.patch.title!r} on {self.machine.preset!r}, seed {self.seed}: "
-            f"{counted(self.cycles, 'cycle')}, {counted(len(self.rows), 'row')}, {self.status}>"
+            f"{cycles}{counted(len(self.rows), 'row')}, {self.status}>"
         ]
         lines += [f"  {self.status_note}"] * bool(self.status_note)
         for name, quantities in self.readouts.items():

@@ -29,11 +29,6 @@ FOOT = 46.0
 
 # What the heading counts, by its customary name.
 COUNTED_FIRST = ("integrator", "summer", "inverter", "potentiometer", "multiplier")
-COUNTED_AS = {
-    "absolute": "absolute value",
-    "dead_zone": "dead zone",
-    "square_root": "square root",
-}
 
 CORD_COLORS = (*style.PENS, "#9A2F4C", "#6B7A1E")
 
@@ -103,7 +98,7 @@ def _inner(sheet: Sheet, plan: Plan) -> list[str]:
 def _heading(sheet: Sheet) -> tuple[str, str, str]:
     counts = dict.fromkeys(COUNTED_FIRST, 0)
     for component in sorted(sheet.patch.components, key=lambda component: component.kind):
-        name = COUNTED_AS.get(component.kind, CATALOG[component.kind].symbol)
+        name = CATALOG[component.kind].symbol
         counts[name] = counts.get(name, 0) + 1
     counts["A-D converter"] = len(sheet.patch.adcs)
     counts["D-A converter"] = len(sheet.patch.dacs)

@@ -137,14 +137,7 @@ def _heading(
     ]
     lines = [(str(about.get("title") or about.get("patch") or "Record"), style.INK)]
     lines += [(line, style.MUTED) for line in style.wrapped(facts, LETTERS)]
-    given = json.loads(about.get("parameters") or "{}")
-    if given:
-        text = "with  " + ",  ".join(
-            f"{key} = {style.unit_text(value)}".replace(" ", "\u00a0")
-            for key, value in given.items()
-        )
-        wrapped = textwrap.wrap(text, LETTERS, max_lines=2, placeholder=" …")
-        lines += [(line.replace("\u00a0", " "), style.MUTED) for line in wrapped]
+    lines += [(line, style.MUTED) for line in style.parameter_lines(about, LETTERS)]
     if about.get("status") in BROKEN_OFF:
         status, note = str(about["status"]), str(about.get("status_note", ""))
         told = note if note.lower().startswith(status) else f"{status}: {note}".rstrip(": ")

@@ -128,7 +128,7 @@ class FunctionGenerator(Nonlinear):
 class Absolute(Nonlinear):
     """The size of a signal."""
 
-    key = "absolute"
+    key, symbol = "absolute", "absolute value"
     doc = "absolute value of a signal"
     main = Key("absolute", Holds.SIGNAL, "the signal", required=True)
 
@@ -161,7 +161,7 @@ class Limit(Nonlinear):
 class DeadZone(Limit):
     """Zero while a signal stays within a band, the distance from the band outside."""
 
-    key = "dead_zone"
+    key, symbol = "dead_zone", "dead zone"
     doc = "0 from low to high, the distance beyond them outside"
     main = Key("dead_zone", Holds.SIGNAL, "the signal", required=True)
 
