@@ -84,9 +84,9 @@ class Batch:
         """How many of the runs are done, where it was interrupted."""
         return done_text(self.status, len(self.points), len(self.orders), "run")
 
-    def serial_of(self, point: Point) -> int:
+    def serial_of(self, run: Point | Order) -> int:
         """Serial number of the machine that a run was made on."""
-        serial = self.orders[point.index].serial
+        serial = self.orders[run.index].serial
         return self.first.serial if serial is None else serial
 
     @cached_property
@@ -131,6 +131,9 @@ class Batch:
             told.append(
                 f"{name} {span} {parameter.unit}".rstrip() + f", {counted(len(given), 'value')}"
             )
+        serials = {self.serial_of(order) for order in self.orders}
+        if len(serials) > 1:
+            told.append(f"serial {min(serials)} to {max(serials)}")
         made = [(*(o.parameters[name] for name in self.differ), o.serial) for o in self.orders]
         each = set(Counter(made).values())
         if len(set(made)) > 1 and max(each) > 1:

@@ -7,6 +7,7 @@ validation.
 
 from __future__ import annotations
 
+import math
 from dataclasses import asdict, dataclass
 from typing import TYPE_CHECKING, Any
 
@@ -342,6 +343,8 @@ def _pots(machine: Machine) -> tuple[PotRow, ...]:
             entries = {"(reference)": core.noise / own}
         if component.kind == "constant" or core.steps:
             stepped = core.steps[0].value if core.steps else 0.0
+            if component.kind == "square":  # its first edge may fall
+                stepped = math.copysign(stepped, values["square"])
             entries["(reference)"] = (stepped if core.integrated else core.constant + stepped) / own
         # What is zero has no cord.
         rows += [_pot(component.name, name, value) for name, value in entries.items() if value]

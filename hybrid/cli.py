@@ -347,9 +347,9 @@ def _ensemble_chart(result: Batch, path: Path) -> list[str]:
     if len(result.differ) == 1:
         name = result.differ[0]
         across = Across(name, data[name].values, data[name].attrs["units"])
-    serials = sorted({result.serial_of(p) for p in result.points})
-    machines = f"serial {serials[0]}" + (f" to {serials[-1]}" if len(serials) > 1 else "")
-    facts = [*provenance(data.attrs), machines, *result.varied, result.status_note]
+    one = len({result.serial_of(order) for order in result.orders}) == 1
+    same = f"serial {result.first.serial}" if one else ""
+    facts = [*provenance(data.attrs), same, *result.varied, result.status_note]
     spreads = [Spread(name, *figure) for name, figure in result.figures().items()]
     figure = ensemble_chart(title, facts, spreads, across)
     write_whole(path, lambda part: save(figure, part))

@@ -216,3 +216,14 @@ def test_an_overload_shows_by_how_much() -> None:
         cells = next(line for line in lines if line.startswith(f"{name} ")).split()
         assert (cells[2], cells[-2]) == (worst, full_scale)
         assert float(cells[-1]) == pytest.approx(1.0)  # all the run long
+
+
+def test_sentences_are_whole_where_no_terminal_is(monkeypatch) -> None:
+    from io import StringIO
+
+    from hybrid.terminal import console
+
+    monkeypatch.setattr("sys.stdout", written := StringIO())
+    sentence = "no prediction: " + "a word " * 40
+    console().print(sentence)
+    assert written.getvalue() == f"{sentence}\n"
