@@ -8,6 +8,7 @@ that are done.
 from __future__ import annotations
 
 import json
+from collections import Counter
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
@@ -36,6 +37,7 @@ from hybrid.points import (
     check_jobs,
     check_names,
     counts_text,
+    done_text,
     measured_variables,
     origin,
     play_all,
@@ -77,9 +79,14 @@ class Batch:
         """Name of the preset."""
         return self.first.preset
 
-    def serial_of(self, point: Point) -> int:
+    @property
+    def status_note(self) -> str:
+        """How many of the runs are done, where it was interrupted."""
+        return done_text(self.status, len(self.points), len(self.orders), "run")
+
+    def serial_of(self, run: Point | Order) -> int:
         """Serial number of the machine that a run was made on."""
-        serial = self.orders[point.index].serial
+        serial = self.orders[run.index].serial
         return self.first.serial if serial is None else serial
 
     @cached_property
@@ -97,7 +104,11 @@ class Batch:
             variables[name] = (("run",), np.array(values) / parameter.factor, about)
         readouts = np.array(transients(self.patch), dtype=object)
         runs = np.array([p.index for p in self.points], dtype=np.int64)
-        facts = {"status": self.status, "parameters": json.dumps(self._shared("parameters"))}
+        facts = {
+            "status": self.status,
+            "status_note": self.status_note,
+            "parameters": json.dumps(self._shared("parameters")),
+        }
         facts["parameters_si"] = json.dumps(self._shared("parameters_si"))
         facts["differ"] = json.dumps(self.differ)
         return xr.Dataset(
@@ -109,9 +120,31 @@ class Batch:
         given = machine_facts(self.first)[key]
         return {name: value for name, value in given.items() if name not in self.differ}
 
+    @property
+    def varied(self) -> list[str]:
+        """What the runs differ in: ['cycle 1 to 5 ms, 3 values', '2 runs of each combination']."""
+        told = []
+        for name in self.differ:
+            parameter = self.patch.parameters[name]
+            given = {order.parameters[name] / parameter.factor for order in self.orders}
+            span = " to ".join(f"{value:.6g}" for value in sorted({min(given), max(given)}))
+            told.append(
+                f"{name} {span} {parameter.unit}".rstrip() + f", {counted(len(given), 'value')}"
+            )
+        serials = {self.serial_of(order) for order in self.orders}
+        if len(serials) > 1:
+            told.append(f"serial {min(serials)} to {max(serials)}")
+        made = [(*(o.parameters[name] for name in self.differ), o.serial) for o in self.orders]
+        each = set(Counter(made).values())
+        if len(set(made)) > 1 and max(each) > 1:
+            most = " to ".join(str(count) for count in sorted({min(each), max(each)}))
+            told.append(f"{most} runs of each combination")
+        return told
+
     def to_pandas(self) -> pd.DataFrame:
-        """One row a run and transient (a run alone, where the patch has none)."""
-        data = self.dataset
+        """One row a run and transient (a run alone, where the patch has none); parameters in SI."""
+        factors = {name: self.patch.parameters[name].factor for name in self.differ}
+        data = self.dataset.assign({n: self.dataset[n] * by for n, by in factors.items()})
         return (data if data.sizes["readout"] else data.drop_dims("readout")).to_dataframe()
 
     def figures(self) -> dict[str, tuple[np.ndarray, str]]:
@@ -149,6 +182,7 @@ class Batch:
             "parameters": self._shared("parameters"),
             "parameters_si": self._shared("parameters_si"),
             "status": self.status,
+            "status_note": self.status_note,
             "summary": self.summary(),
             "runs": [
                 {
@@ -231,6 +265,10 @@ def orders_of(
     for name in columns:
         check_parameter(patch, name)
     serials, seeds = _column(serial), _column(seed)
+    if serials is None:
+        serial_of(serial)  # type: ignore[arg-type]  # one for all, or a mistake
+    if seeds is None:
+        check_seed(seed)  # type: ignore[arg-type]
     listed = [*columns.items(), ("serial", serials), ("seed", seeds)]
     count = _count(runs, [(name, len(column)) for name, column in listed if column is not None])
 

@@ -17,7 +17,7 @@ from hybrid.components.delay import DEFAULT_ORDER, good_to
 from hybrid.cycle_map import stretch_s
 from hybrid.equipment import Part, count_parts
 from hybrid.errors import counted
-from hybrid.linearity import NotLinear
+from hybrid.linearity import NeverFinite, NotLinear, linear_program
 from hybrid.loops import Loops, loops_of
 from hybrid.loudness import short_windows
 from hybrid.machine import Machine
@@ -176,7 +176,8 @@ def check(
     compiled = machine_of(patch, parameters, machine, serial)
     check_windows(compiled)
     timeline = build_timeline(compiled)
-    events = f"{counted(timeline.cycles, 'cycle')}, {counted(timeline.rows, 'row')} of the record"
+    cycles = f"{counted(timeline.cycles, 'cycle')}, " if compiled.tape.words else ""
+    events = f"{cycles}{counted(timeline.rows, 'row')} of the record"
     if compiled.operation:
         number = compiled.operation.done(compiled.timing.until)
         operate_s = to_seconds(compiled.operation.operate)
@@ -204,6 +205,7 @@ def check(
         f"{events}, {thinned}" if thinned else events,
         (
             *_warnings(compiled),
+            *_never_finite(compiled),
             *rate_warnings(tested),
             *lost_constants(compiled),
             *asked_before(compiled),
@@ -279,6 +281,17 @@ def _coarse_products(machine: Machine) -> list[str]:
                 f"full scale, not by 1/(4 n^2): its inputs at full scale make {most:.4g} of it"
             )
     return found
+
+
+def _never_finite(machine: Machine) -> list[str]:
+    """The first word that divides by 0 in every cycle, say, unless words before it are not linear."""
+    try:
+        linear_program(machine.tape, len(machine.samplers))
+    except NeverFinite as reason:
+        return [str(reason)]
+    except NotLinear:
+        pass
+    return []
 
 
 def _unscaled(machine: Machine) -> list[str]:

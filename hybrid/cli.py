@@ -18,15 +18,14 @@ from typing import TYPE_CHECKING, Any
 
 from hybrid import interrupts
 from hybrid.compilation import say_if_compiling, say_if_slow
-from hybrid.errors import HybridError, RunError
-from hybrid.naming import on_text
+from hybrid.errors import HybridError, RunError, counted
 from hybrid.options import (
     batch_file,
     combined,
     file_stem,
-    output_name,
-    parser,
+    parsed,
     patch_and_parameters,
+    run_folder,
     sweep_file,
     swept_range,
     with_chosen,
@@ -77,7 +76,7 @@ def main(arguments: list[str] | None = None) -> int:
 
 def _answer(arguments: list[str] | None) -> int:
     try:
-        options = parser().parse_args(arguments)
+        options = parsed(arguments)
     except SystemExit:  # --help and --version have said what there is to say
         sys.stdout.flush()
         return 0
@@ -119,7 +118,7 @@ def _run(options: argparse.Namespace, filing: Filing) -> int:
         check_pairs(pairs, span_facts(machine)["until_s"])
     if options.scope:
         check_operates(machine)
-    stem = Path(output_name(options.out)) / file_stem(options, patch)
+    stem = run_folder(options) / file_stem(options, patch)
     writable(*(stem.with_name(stem.name + suffix) for suffix in (".nc", ".png")))
     prediction = _prediction(machine_of(*ordered) if circuit else machine)
     say_if_compiling(machine, engine)
@@ -339,18 +338,18 @@ def batch_command(options: argparse.Namespace) -> int:
 
 def _ensemble_chart(result: Batch, path: Path) -> list[str]:
     from hybrid.charts.ensemble import Across, Spread, ensemble_chart
-    from hybrid.charts.style import save
+    from hybrid.charts.style import provenance, save
     from hybrid.storage import write_whole
 
-    data, title = result.dataset, f"{result.patch.title}: {len(result.points)} runs"
+    data, title = result.dataset, f"{result.patch.title}: {counted(len(result.points), 'run')}"
+    title += f" over {' and '.join(result.differ)}" if result.differ else ""
     across = None
     if len(result.differ) == 1:
         name = result.differ[0]
         across = Across(name, data[name].values, data[name].attrs["units"])
-    serials = sorted({result.serial_of(p) for p in result.points})
-    machines = f"serial {serials[0]}" + (f" to {serials[-1]}" if len(serials) > 1 else "")
-    told = [result.patch.file, on_text(result.patch.on), f"machine {result.machine}, {machines}"]
-    facts = ["; ".join(filter(None, [*told, result.status]))]
+    one = len({result.serial_of(order) for order in result.orders}) == 1
+    same = f"serial {result.first.serial}" if one else ""
+    facts = [*provenance(data.attrs), same, *result.varied, result.status_note]
     spreads = [Spread(name, *figure) for name, figure in result.figures().items()]
     figure = ensemble_chart(title, facts, spreads, across)
     write_whole(path, lambda part: save(figure, part))

@@ -40,8 +40,11 @@ def say_if_compiling(machine: Machine, engine: str) -> None:
     from hybrid.engine import kernel
 
     limited = len(machine.tape.length_of) > 0
-    if not kernel.is_compiled(kernel.play) or (engine == "exact" and _computes_anew(machine)):
+    if not kernel.is_compiled(kernel.play):
         say("compiling the kernel, once after installation ...")
+    elif engine == "exact" and _computes_anew(machine):
+        programs = "with word lengths" if limited else "of more than products and sums"
+        say(f"compiling the kernel for programs {programs}, once after installation ...")
     if engine == "nonlinear":
         _say_of_circuits(machine, limited)
 

@@ -264,6 +264,8 @@ WORD_LENGTHS = (
     "float64, float32, {mantissa: 20, rounding: truncate}, "
     "{fixed: 24, full_scale: 100 m, rounding: nearest, overflow: saturate}"
 )
+# Of all words of a program or task, whatever their units.
+WORD_LENGTHS_OF_ALL = WORD_LENGTHS.replace("100 m", "100")
 ROUNDINGS = ("nearest", "truncate")
 OVERFLOWS = ("stop", "saturate", "wrap")
 WORD_KEYS = (

@@ -28,6 +28,10 @@ class NotLinear(RunError):
         super().__init__(f"{place}: {message}" if str(place) else message)
 
 
+class NeverFinite(NotLinear):
+    """A word has no finite value, whatever the program reads."""
+
+
 COMPUTE: dict[Op, Callable[..., float]] = {
     op: OPERATORS[symbol] for symbol, op in BINARY_OPS.items()
 }
@@ -135,9 +139,11 @@ def _play(tape: Tape, forms: Floats) -> None:
             form = _operation(op, forms[target], forms[a], forms[b])
         word, place = known_as(tape.words[tape.owner[at]]), tape.places[tape.owner[at]]
         if form is None:
-            raise NotLinear(f"word {word!r} {_why_not(op, forms[b])}", place)
+            kind, why = _why_not(op, forms[b])
+            raise kind(f"word {word!r} {why}", place)
         if not np.all(np.isfinite(form)):
-            raise NotLinear(f"word {word!r} {_why_not_finite(op, forms[a], forms[b])}", place)
+            kind, why = _why_not_finite(op, forms[a], forms[b])
+            raise kind(f"word {word!r} {why}", place)
         forms[target] = form
         at += 1 + (int(forms[b, -1]) if op == Op.SKIP and form[-1] == 0.0 else 0)
 
@@ -175,22 +181,23 @@ def _is_zero(form: Floats) -> bool:
     return not np.any(form)
 
 
-def _why_not(op: int, b: Floats) -> str:
+def _why_not(op: int, b: Floats) -> tuple[type[NotLinear], str]:
     """Why an operation has no form."""
     if op == Op.DIV and _is_zero(b):
-        return f"divides by 0 in every cycle; {CHANGE}"
-    return "is not linear in what the program reads"
+        return NeverFinite, f"divides by 0 in every cycle; {CHANGE}"
+    return NotLinear, "is not linear in what the program reads"
 
 
-def _why_not_finite(op: int, a: Floats, b: Floats) -> str:
+def _why_not_finite(op: int, a: Floats, b: Floats) -> tuple[type[NotLinear], str]:
     """Why the form of an operation is not finite: what it was given, or that it is too large."""
     if op == Op.DIV and _is_zero(b):
-        return f"divides by 0 in every cycle; {CHANGE}"
+        return NeverFinite, f"divides by 0 in every cycle; {CHANGE}"
     operands = (a, b)[: ARGUMENTS.get(Op(op), 0)]
     if operands and op not in SUMS and not any(np.any(form[:-1]) for form in operands):
         listed = ", ".join(f"{form[-1]:g}" for form in operands)
-        return f"has no finite value in any cycle: {Op(op).name.lower()}({listed}); {CHANGE}"
-    return f"has a coefficient that is not finite; {CHANGE}"
+        told = f"has no finite value in any cycle: {Op(op).name.lower()}({listed}); {CHANGE}"
+        return NeverFinite, told
+    return NotLinear, f"has a coefficient that is not finite; {CHANGE}"
 
 
 def _constant(op: Op, operands: list[float], width: int) -> Floats:

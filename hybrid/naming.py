@@ -1,4 +1,5 @@
-"""What the files of a patch are called, and how a reader is told what runs on the other machine.
+"""What the files of a patch are called, and how a reader is told what runs on the other machine and what
+a readout asks.
 
 Stage 1.
 """
@@ -8,7 +9,7 @@ from __future__ import annotations
 import re
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     from hybrid.patch import Patch
@@ -52,3 +53,11 @@ def on_text(on: Mapping[str, str]) -> str:
     if len(told) > MOST_NAMES:
         told = [*told[: MOST_NAMES - 1], f"{len(told) - MOST_NAMES + 1} more elsewhere"]
     return ", ".join(told)
+
+
+def asked_text(readout: Mapping[str, Any]) -> str:
+    """What a readout tells: 'maximum of x', or 'value' where it does not say of what."""
+    kind, signal = readout.get("kind"), readout.get("signal")
+    if not (kind and signal):
+        return "value"
+    return f"{'final value' if kind == 'final' else kind} of {signal}"

@@ -36,6 +36,21 @@ class _Parser(argparse.ArgumentParser):
         raise RunError(f"{message}; see {self.prog} --help")
 
 
+def parsed(arguments: list[str] | None) -> argparse.Namespace:
+    """The command line; raises RunError for what its verb does not know, and says which verbs do."""
+    made = parser()
+    options, left = made.parse_known_args(arguments)
+    if not left:
+        return options
+    option, verb = left[0].partition("=")[0], options.verb
+    if not option.startswith("-"):
+        raise RunError(f"{quoted(left[0])} is too much for hybrid {verb}; see hybrid {verb} --help")
+    verbs: dict[str, argparse.ArgumentParser] = made._subparsers._group_actions[0].choices  # type: ignore[union-attr,assignment]
+    others = [name for name, its in verbs.items() if option in its._option_string_actions]
+    known = f"it is one of {' and '.join(others)}; " if others else ""
+    raise RunError(f"hybrid {verb} has no option {option}; {known}see hybrid {verb} --help")
+
+
 class _Once(argparse.Action):
     """An option that must not be given twice."""
 
@@ -246,8 +261,10 @@ def with_chosen(patch: Patch, pens: str | None) -> tuple[Patch, list[str] | None
     if pens is None:
         crowded = not patch.record and len(patch.signals) > MOST_PENS
         return patch, _by_weight(patch) if crowded else None
-    names = list(dict.fromkeys(name.strip() for name in pens.split(",")))
-    for name in names:
+    names = [name.strip() for name in pens.split(",")]
+    for place, name in enumerate(names):
+        if name in names[:place]:
+            raise RunError(f"--pens names {quoted(name)} twice; one pen draws it")
         if name not in patch.signals:
             raise RunError(f"--pens: no signal {quoted(name)}; {did_you_mean(name, patch.signals)}")
     if len(names) > MOST_PENS:
@@ -354,6 +371,16 @@ def output_name(out: str) -> str:
     if not out.strip():
         raise RunError("--out is empty; name a folder of a run, or a file of a sweep or batch")
     return out
+
+
+def run_folder(options: argparse.Namespace) -> Path:
+    """Where the files of a run go."""
+    folder = Path(output_name(options.out))
+    if folder.is_file():
+        raise RunError(
+            f"--out {folder} is a file, not a folder; name the folder of the run's files"
+        )
+    return folder
 
 
 def sweep_file(options: argparse.Namespace, patch: Patch, name: str) -> Path:

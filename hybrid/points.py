@@ -34,7 +34,7 @@ from hybrid.crew import (
     in_processes,
     in_threads,
 )
-from hybrid.errors import HybridError, RunError
+from hybrid.errors import HybridError, RunError, counted
 from hybrid.expressions import names, to_text
 from hybrid.machine import Machine
 from hybrid.patch import Patch, Readout
@@ -262,6 +262,11 @@ def counts_text(points: Sequence[Point]) -> str:
         "with overloads": sum(p.overloads > 0 for p in points),
     }
     return ", ".join(f"{n} {what}" for what, n in counts.items() if n or "result" in what)
+
+
+def done_text(status: str, done: int, of_all: int, what: str) -> str:
+    """'interrupted after 3 of 50 points'; '' where all are done."""
+    return "" if status == "complete" else f"{status} after {done} of {counted(of_all, what)}"
 
 
 # -- the points as variables of a data set ----------------------------------------------------------

@@ -5,6 +5,7 @@ Stage 6, for `checks`.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from dataclasses import dataclass
 
@@ -58,6 +59,8 @@ def _entries(
         entries = {"(reference)": core.noise / own}
     if component.kind == "constant" or core.steps:
         stepped = core.steps[0].value if core.steps else 0.0
+        if component.kind == "square":  # its first edge may fall
+            stepped = math.copysign(stepped, values["square"])
         entries["(reference)"] = (stepped if core.integrated else core.constant + stepped) / own
     return entries
 

@@ -20,6 +20,7 @@ carried back to t = 0, and both are compared. They may differ by
 from __future__ import annotations
 
 import math
+import sys
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 
@@ -50,6 +51,9 @@ EXACT_MU = 1e-11
 MOST_LEFT = 0.1
 # Kinds whose outputs do not follow their inputs within lags: what is before them shows later.
 KEEPERS = frozenset({"integrate", "lag", "delay", "noise_source", "backlash", "track"})
+
+# Of the inputs of an integrator that cancel, what rounding of coefficients and sums may leave.
+ROUNDED = 16 * sys.float_info.epsilon
 
 
 @dataclass(frozen=True, slots=True)
@@ -93,11 +97,28 @@ def static_check(machine: Machine) -> tuple[list[float], dict[str, float]]:
             if element.kind == INTEGRATE and name in drives:  # its leak is no input
                 begins = shown[name] if element.second else element.initial
                 drives[name] += element.figures[0] * begins
-        return values, drives
+        return values, _without_debris(machine, values, drives)
     found = (analog.a @ analog.x0 + analog.b @ analog.u0).tolist()
     rates = dict(zip(analog.states, found, strict=True))
     cores = {s.removesuffix(":core"): rate for s, rate in rates.items() if s.endswith(":core")}
-    return analog.static_value.tolist(), {**rates, **cores}
+    at_start = analog.static_value.tolist()
+    return at_start, _without_debris(machine, at_start, {**rates, **cores})
+
+
+def _without_debris(
+    machine: Machine, values: list[float], rates: dict[str, float]
+) -> dict[str, float]:
+    """The rates, those being 0 that inputs leave by rounding only where they cancel."""
+    analog, found = machine.analog, dict(rates)
+    scales = dict(zip(analog.signals, analog.full_scale.tolist(), strict=True))
+    at = dict(zip(analog.signals, values, strict=True))
+    for part in machine.patch.components:
+        if part.kind == "integrate" and part.name in found:
+            inputs = [g.number(machine.parameters) * at[s] * scales[s] for s, g in part.terms]
+            size = sum(abs(each) for each in inputs) / scales[part.name]
+            if abs(found[part.name]) <= ROUNDED * size:
+                found[part.name] = 0.0
+    return found
 
 
 def rate_test(

@@ -28,6 +28,7 @@ from hybrid.growth import growth_text
 from hybrid.indicators import overloads_of
 from hybrid.linearity import NotLinear
 from hybrid.machine import AT_SATURATION, Floats, Machine, Pen
+from hybrid.naming import asked_text
 from hybrid.patch import Readout
 from hybrid.readout import FEWEST_ROWS_PER_CYCLE, READOUTS, figures, measure_transient
 from hybrid.record import full_scales, pens_for, record_parts, signal_units
@@ -44,6 +45,7 @@ if TYPE_CHECKING:
 Progress = Callable[[float], None]
 
 LARGEST_SEED = 2**63 - 1
+NO_FIGURES = ("kind", "signal", "units")  # of what a readout says
 
 
 @dataclass(frozen=True, eq=False)
@@ -142,9 +144,10 @@ class Run:
         return self.record.to_dataframe()
 
     def __repr__(self) -> str:
+        cycles = f"{counted(self.cycles, 'cycle')}, " if self.machine.tape.words else ""
         lines = [
             f"<Run {self.machine.patch.title!r} on {self.machine.preset!r}, seed {self.seed}: "
-            f"{counted(self.cycles, 'cycle')}, {counted(len(self.rows), 'row')}, {self.status}>"
+            f"{cycles}{counted(len(self.rows), 'row')}, {self.status}>"
         ]
         lines += [f"  {self.status_note}"] * bool(self.status_note)
         for name, quantities in self.readouts.items():
@@ -160,12 +163,13 @@ def readout_text(quantities: Mapping[str, Any]) -> str:
     own = str(quantities.get("units", ""))
     units = {"value": own, "amplitude": own, "offset": own, "time_s": "s"}
     units |= {"omega": "rad/s", "omega_damped": "rad/s"}
+    labels = {"value": f"{asked_text(quantities)} =", "time_s": "at"}
     figures = []
     for name, figure in quantities.items():
-        if figure in (None, "") or name == "units" or name.endswith("_error"):
+        if figure in (None, "") or name in NO_FIGURES or name.endswith("_error"):
             continue
         if isinstance(figure, float):
-            label = "time" if name == "time_s" else name
+            label = labels.get(name, name)
             figures.append(f"{label} {figure + 0.0:.9g} {units.get(name, '')}".strip())
         else:
             figures.append(f"{name}: {figure}")
@@ -336,7 +340,9 @@ def _read_out(result: Run) -> dict[str, dict[str, Any]]:
             quantities = dict.fromkeys(none)
             quantities["reason"] = str(reason)
         note = _overload_note(readout, result, last)
-        found[readout.name] = {**quantities, "units": units[readout.signal][0], "note": note}
+        about = {"kind": readout.kind, "signal": readout.signal}
+        about |= {"units": units[readout.signal][0], "note": note}
+        found[readout.name] = {**quantities, **about}
     return found
 
 

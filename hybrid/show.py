@@ -278,6 +278,8 @@ def show_sweep(console: Console, sweep: Sweep, files: Sequence[str]) -> None:
 def show_batch(console: Console, batch: Batch, files: Sequence[str]) -> None:
     """How the figures are spread, the first note, the files."""
     console.print(repr(batch).partition("\n")[0][1:-1], highlight=False, markup=False)
+    if batch.varied:
+        console.print(f"over {';  '.join(batch.varied)}", highlight=False, markup=False)
     rows = [
         (
             f"{name} {about['units']}".strip(),

@@ -40,6 +40,7 @@ from hybrid.points import (
     check_jobs,
     check_names,
     counts_text,
+    done_text,
     measured_variables,
     number,
     origin,
@@ -85,6 +86,11 @@ class Sweep:
         return self.first.preset
 
     @property
+    def status_note(self) -> str:
+        """How many of the points are done, where it was interrupted."""
+        return done_text(self.status, len(self.points), len(self.values), "point")
+
+    @property
     def parameters(self) -> dict[str, str]:
         """The parameters that all points share, as texts; those that follow the swept one are not."""
         follow = {self.parameter}
@@ -107,8 +113,9 @@ class Sweep:
         return _dataset(self)
 
     def to_pandas(self) -> pd.DataFrame:
-        """One row a value, readout and mode."""
-        return self.dataset.to_dataframe()
+        """One row a value, readout and mode; values in SI."""
+        values = self.values[[p.index for p in self.points]]
+        return self.dataset.assign_coords({self.parameter: values}).to_dataframe()
 
     def to_dict(self) -> dict[str, Any]:
         """Everything as plain data; values in SI."""
@@ -121,6 +128,7 @@ class Sweep:
             "over": self.parameter,
             "seed": self.seed,
             "status": self.status,
+            "status_note": self.status_note,
             "points": [
                 {
                     "value": float(self.values[p.index]),
@@ -277,6 +285,7 @@ def _dataset(result: Sweep) -> xr.Dataset:
             "parameters_si": json.dumps(result.parameters_si),
             "seed": result.seed,
             "status": result.status,
+            "status_note": result.status_note,
             "parameter": result.parameter,
             "closed_form": "Eq. " + forms[0] if forms else "",
         },

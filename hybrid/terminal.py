@@ -18,7 +18,7 @@ if TYPE_CHECKING:
 
 # A bar for less than this would only flicker.
 SHOW_PROGRESS_AFTER_S = 0.7
-# Lines that go to a file or another program are broken later than those on a terminal.
+# Tables that go to a file or another program are broken later than those on a terminal.
 WIDTH_OF_FILES = 130
 
 
@@ -49,6 +49,12 @@ def console() -> Console:
     class Piped(Console):
         def on_broken_pipe(self) -> None:
             raise BrokenPipeError
+
+        def print(self, *objects: Any, **options: Any) -> None:
+            """Sentences stay in one line where no terminal has an edge to break them at."""
+            if not self.is_terminal and all(isinstance(each, str) for each in objects):
+                options.setdefault("soft_wrap", True)
+            super().print(*objects, **options)
 
     made = Piped(highlight=False)
     if not made.is_terminal:

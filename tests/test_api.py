@@ -160,7 +160,8 @@ def test_lags_are_not_blamed_where_there_are_none() -> None:
 def test_scalar_readouts_carry_their_unit(loop) -> None:
     result = hybrid.run(loop)
     assert {q["units"] for q in result.readouts.values()} == {"V"}
-    assert f"end: value {result.readouts['end']['value']:.9g} V, time 2 s" in repr(result)
+    told = f"end: final value of x = {result.readouts['end']['value']:.9g} V, at 2 s"
+    assert told in repr(result)
     assert json.loads(result.record.attrs["readouts"])["level"]["units"] == "V"
 
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import itertools
 import json
 import math
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -118,6 +119,8 @@ REFUSED = {
     "unknown": ({"rte": [1.0]}, {}, "did you mean 'rate'"),
     "unit": ({"rate": ["1 V"]}, {}, "does not fit"),
     "serial": ({}, {"serial": [1, -2]}, "serial is -2"),
+    "one serial": ({}, {"serial": "a"}, "serial is 'a'; it must be a whole number"),
+    "one seed": ({}, {"seed": -1}, "seed is -1"),
     "seed": ({}, {"runs": 2, "seed": "x"}, "seed is 'x'"),
     "seeds": ({}, {"seed": [1, 0.5]}, "seed is 0.5"),
     "jobs": ({}, {"runs": 2, "jobs": 0}, "jobs is 0"),
@@ -143,7 +146,7 @@ def test_a_parameter_must_not_hide_a_variable() -> None:
 RUN = {"run", "parameters_si", "serial", "seed", "readouts", "status", "note", "overloads"}
 BATCH = {
     *("patch", "title", "machine", "on", "parameters", "parameters_si"),
-    *("status", "summary", "runs"),
+    *("status", "status_note", "summary", "runs"),
 }
 ABOUT = {"runs", "mean", "std", "minimum", "maximum", "units"}
 
@@ -171,6 +174,28 @@ def test_every_combination_is_run(folder: Path, capsys: pytest.CaptureFixture[st
     values = [run["readouts"]["end"]["value"] for run in found["runs"]]
     assert values[0] != values[1]  # noise of its own
     assert found["parameters"] == {"cycle": "10 ms"}
+
+
+def test_what_varied_is_told(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """Two values of each of two parameters, three runs of each pair: 12 runs."""
+    ranges = ["--over", "rate=1:2:2", "--over", "cycle=5 ms:10 ms:2"]
+    assert main(["batch", "decay.yaml", *ranges, "--runs", "3", "--out", "b.nc"]) == 0
+    told = "rate 1 to 2 1/s, 2 values", "cycle 5 to 10 ms, 2 values", "3 runs of each combination"
+    assert "over " + ";  ".join(told) in capsys.readouterr().out
+
+
+def test_a_frame_has_parameters_in_si(patch) -> None:
+    crowd = hybrid.batch(patch, {"cycle": ["5 ms", "10 ms"]})
+    assert crowd.varied == ["cycle 5 to 10 ms, 2 values"] and crowd.status_note == ""
+    assert crowd.to_pandas()["cycle"].tolist() == [0.005, 0.01]
+    assert crowd.dataset["cycle"].values.tolist() == [5.0, 10.0]  # of units ms
+    swept = hybrid.sweep(patch, "cycle", ["5 ms", "10 ms"]).to_pandas()
+    assert swept.reset_index()["cycle"].unique().tolist() == [0.005, 0.01]
+
+
+def test_an_interrupted_batch_says_how_many_runs_are_done(result) -> None:
+    cut = replace(result, points=result.points[:1], status="interrupted")
+    assert cut.status_note == cut.dataset.attrs["status_note"] == "interrupted after 1 of 3 runs"
 
 
 def test_the_table_and_the_chart(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:

@@ -24,6 +24,7 @@ from hybrid.charts.style import broken, duration, envelope, number, round_up, un
 from hybrid.errors import RunError
 
 NAN = math.nan
+MAXIMUM = {"kind": "maximum", "signal": "x"}
 
 
 def make_record(rows=201, signals=None, **attributes):
@@ -315,17 +316,24 @@ class TestTable:
         shown = texts(strip_chart(make_record(), {"height": {"minimum": -1.5, "maximum": 12.25}}))
         assert "minimum −1.5,  maximum 12.25" in shown
 
+    def test_times_of_readouts_are_in_the_unit_of_the_time_axis(self):
+        """0.0857 s of a record of 200 ms are 85.7 ms, of one of 2 s 0.0857 s."""
+        top = {"top": {"value": -0.0, "time_s": 0.0857} | MAXIMUM}
+        for rows, told in ((200, "at 85.7 ms"), (2001, "at 0.0857 s")):
+            shown = texts(strip_chart(make_record(rows), top))
+            assert f"maximum of x = 0,  {told}" in shown
+
     def test_readouts_without_modes_do_not_stand_under_headings_of_modes(self):
         """Only transients and modes stand between the headings and the other readouts."""
         readouts = {
-            "top": {"value": 2.5, "time_s": 1.0, "units": "rad/s"},
+            "top": {"value": 2.5, "time_s": 0.0857, "units": "rad/s"} | MAXIMUM,
             "pitch": {"omega": 9.9, "omega_error": 0.1, "zeta": 0.1},
         }
         figure = strip_chart(make_record(), readouts, [self.MODE])
         height = {text.get_text(): text.get_position()[1] for text in figure.texts}
         order = ["damping ratio ζ", "measured, pitch", "ideal", "measured, top"]
         assert sorted(order, key=height.__getitem__, reverse=True) == order
-        assert height["value 2.5 rad/s,  time 1 s"] == height["measured, top"]
+        assert height["maximum of x = 2.5 rad/s,  at 85.7 ms"] == height["measured, top"]
         alone = texts(strip_chart(make_record(), {"top": readouts["top"]}))
         assert "damping ratio ζ" not in alone and "measured, top" in alone
 
@@ -354,6 +362,14 @@ class TestDegenerateRecords:
         figure = strip_chart(make_record(20, {"x": (values, "V", 1.0, "analog")}))
         assert trace(figure.axes[0], "x").get_marker() == "o"
         assert "19 rows have no value" in texts(figure)
+
+    def test_rows_before_the_first_result_are_not_missing(self):
+        """A row every millisecond: those at 0 and 1 ms are before a result at 2 ms."""
+        record = make_record(20, {"w": (np.ones(20), "V", NAN, "word")})
+        record["w"].attrs["first_result_s"] = 0.002
+        shown = texts(strip_chart(record))
+        assert "nothing before the" in shown and "first result, 2 ms" in shown
+        assert not any("no value" in text for text in shown)
 
     def test_no_signals(self):
         figure = strip_chart(make_record(signals={}))

@@ -235,7 +235,7 @@ def test_parts_by_hand():
     a cord."""
     found, _ = checked(PARTS, trial=False)
     expected = {"integrator": 1, "summer": 2, "inverter": 3, "lag": 1, "amplifier": 7}
-    expected |= {"multiplier": 1, "function": 1, "source": 1, "potentiometer": 5}
+    expected |= {"multiplier": 1, "absolute value": 1, "source": 1, "potentiometer": 5}
     assert {p.part: p.count for p in found.parts} == expected
     assert found.parts[0].part == "amplifier"
 
@@ -395,6 +395,44 @@ def test_the_rate_test_warns_of_a_loop_that_does_not_rest():
     (row,) = hybrid.check(hybrid.parse_patch(UNSTABLE), trial=False).rates
     assert row.expected_mu == pytest.approx(-1.0, rel=1e-9)
     assert row.fails
+
+
+CANCELLING = """
+title: Inputs that cancel
+machine: ideal
+analog:
+  one: {constant: 0.1 V, full_scale: 1 V}
+  three: {constant: 0.3 V, full_scale: 1 V}
+  rest: {integrate: {one: 3, three: -1}, initial: 0, full_scale: 1 V}
+  slow: {integrate: {one: 1e-15}, initial: 0, full_scale: 1 V}
+run: {until: 1 s, every: 0.1 s}
+"""
+
+
+@pytest.mark.parametrize("as_circuit", ["", ", saturation: 2"])
+def test_what_rounding_leaves_of_a_rate_is_zero(as_circuit):
+    """3*0.1 - 0.3 is 5.6e-17 in doubles, and 0 by hand; a rate of 1e-16 of nothing else is one."""
+    found, rows = checked(
+        CANCELLING.replace("full_scale", "full_scale", 1).replace(
+            "initial: 0, full_scale: 1 V", f"initial: 0, full_scale: 1 V{as_circuit}"
+        ),
+        trial=False,
+    )
+    assert rows["rest"].rate_mu == 0.0
+    assert rows["slow"].rate_mu == pytest.approx(1e-16)
+    assert found.events == "11 rows of the record"
+
+
+def test_a_word_that_divides_by_zero_in_every_cycle_is_a_warning():
+    """Whatever its ADC sees, s - s is 0; s itself is so by chance only."""
+    for divisor, warned in (("(s - s)", True), ("s", False)):
+        found, _ = checked(
+            "title: a\nanalog: {x: {constant: 1, full_scale: 1}}\ninterface: {s: {adc: x}}\n"
+            f"digital: {{period: 1 s, program: {{w: 1/{divisor}}}}}\nrun: {{until: 2 s}}\n",
+            trial=False,
+        )
+        told = [w for w in found.warnings if "word 'w' divides by 0 in every cycle" in w]
+        assert bool(told) == warned
 
 
 def test_integrators_that_stand_are_not_tested():

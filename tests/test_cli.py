@@ -87,11 +87,14 @@ MODE = {"omega", "omega_damped", "zeta", "omega_ideal", "zeta_ideal", "closed_fo
 CLOSED = {"equation", "omega", "omega_damped", "zeta", "note"}
 ERRORS = {"omega_error", "omega_damped_error", "zeta_error"}
 TRANSIENT = {"omega", "omega_damped", "zeta", "amplitude", "offset", "reason", "units", "note"}
+TRANSIENT |= {"kind", "signal"}
 OVERLOAD = {"signal", "time_s", "value", "worst_value", "worst_time_s", "instants", "units"}
 OVERLOAD |= {"full_scale", "duration_s"}
 SWEEP = (ABOUT - {"cycle_s", "time_scale"}) | {"over", "seed", "status", "points", "files"}
+SWEEP |= {"status_note"}
 POINT = {"value", "readouts", "modes", "status", "note", "overloads", "seed"}
 BATCH = (ABOUT - {"cycle_s", "time_scale", "serial"}) | {"status", "summary", "runs", "files"}
+BATCH |= {"status_note"}
 SUMMARY = {"runs", "mean", "std", "minimum", "maximum", "units"}
 ONE_RUN = {"run", "parameters_si", "serial", "seed", "readouts", "status", "note", "overloads"}
 CHECK = ABOUT | {
@@ -155,7 +158,8 @@ def test_the_answer_of_run(capsys: pytest.CaptureFixture[str]) -> None:
     assert (found["cycle_s"], found["cycles"], found["status"]) == (0.001, 2000, "complete")
     assert found["parameters"] == {"omega": "10 rad/s", "cycle": "1 ms", "tall": "0.9 rad"}
     assert found["readouts"]["mode"].keys() == TRANSIENT | ERRORS
-    assert found["readouts"]["top"].keys() == {"value", "time_s", "units", "note"}
+    assert found["readouts"]["top"].keys() == {"value", "time_s", "kind", "signal", "units", "note"}
+    assert [found["readouts"]["top"][key] for key in ("kind", "signal")] == ["maximum", "rate"]
     assert found["readouts"]["top"]["units"] == "rad/s"
     assert all(o.keys() == OVERLOAD for o in found["overloads"])
     assert "rate" in {o["signal"] for o in found["overloads"]}

@@ -44,6 +44,19 @@ def test_noise_needs_a_compilation_of_its_own(folder, capsys, monkeypatch):
     assert "compiling the nonlinear engine for noise, once" in said(capsys, "nominal")
 
 
+def test_the_kernel_for_word_lengths_is_no_second_installation(capsys, monkeypatch):
+    """The first line is for all, the second for programs whose words are limited."""
+    text = "title: a\ndigital: {period: 1 s, word: float32, program: {x: 0.5}}\nrun: {until: 2 s}\n"
+    machine = machine_of(hybrid.parse_patch(text), None, None, None)
+    for kept, what in (([], "kernel"), ([kernel.play], "kernel for programs with word lengths")):
+        monkeypatch.setattr(kernel, "is_compiled", lambda function, *_, kept=kept: function in kept)
+        compilation.say_if_compiling(machine, "exact")
+        assert (
+            capsys.readouterr().err
+            == f"hybrid: compiling the {what}, once after installation ...\n"
+        )
+
+
 def test_a_circuit_that_was_played_has_kept_all_that_are_counted():
     """So that the rest that is told of is one that comes to be compiled."""
     hybrid.run("van_der_pol", machine="lags")

@@ -417,9 +417,61 @@ class TestLayout:
         )
 
 
+RESET = """
+title: Reset
+analog:
+  x: {integrate: {v: 2, kept: 1}, initial: kept, reset_when: far, hold_when: late, full_scale: 1}
+  v: {constant: 0.1, full_scale: 1}
+  kept: {constant: 0.2, full_scale: 1}
+  far: {compare: {x: 1}, threshold: 0.5, hysteresis: 0.1, low: 0, high: 1, full_scale: 1}
+  late: {compare: {v: 1}, threshold: 0.3, low: 0, high: 1, full_scale: 1}
+  side: {compare: {x: 1}, low: -1, high: 1, full_scale: 1}
+run: {until: 1 s, every: 1 ms}
+"""
+
+
+class TestTerminals:
+    def test_cords_that_add_nothing_end_at_letters(self):
+        """Of x: its sum takes v (with its coefficient) and kept, its terminals kept, far and late."""
+        patch = parse_patch(RESET)
+        sheet = Sheet(patch, patch.bind(None))
+        assert {(c.source, m) for c, m in sheet.marks.items()} == {
+            ("kept", "I"),
+            ("far", "R"),
+            ("late", "H"),
+        }
+        assert {c.source for c in sheet.pills if c.target == "x"} == {"v"}
+        plan = lay_out(sheet.boxes, sheet.cords)
+        root = ET.fromstring(svg(sheet, plan))
+        letters = {
+            e.get("data-terminal"): e for e in root.iter(f"{SVG}text") if e.get("data-terminal")
+        }
+        assert {mark: e.text for mark, e in letters.items()} == {"I": "I", "R": "R", "H": "H"}
+        for route in plan.routes:
+            if route.cord in sheet.marks:  # at the height at which its cord arrives
+                at = float(letters[sheet.marks[route.cord]].get("y"))
+                assert at == pytest.approx(route.points[-1][1] + 0.36 * 8.0, abs=0.01)
+
+    def test_a_comparator_shows_where_it_switches(self):
+        """0.5 +- 0.1/2; without hysteresis at the threshold, which is 0 where none is given."""
+        shown = draw(parse_patch(RESET))
+        for told in (
+            "rises at 0.55,",
+            "falls at 0.45",
+            "switches at 0",
+            "R resets it",
+            "H holds it",
+        ):
+            assert told in shown
+        assert "in rounded boxes" in shown and "levels of its sum" in shown
+        assert "Terminals" not in draw(parse_patch(LONE)) and "comparator" not in draw(
+            parse_patch(LONE)
+        )
+
+
 class TestCommand:
     def test_writes_a_file(self, tmp_path, capsys):
-        out = tmp_path / "loop.svg"
+        out = tmp_path / "made" / "loop.svg"  # with the folder, as of a run
         assert main(["draw", "pitch_loop", "--set", "cycle=2 ms", "--out", str(out)]) == 0
         assert str(out) in capsys.readouterr().out
         assert "T = 2 ms" in out.read_text(encoding="utf-8")
@@ -427,7 +479,6 @@ class TestCommand:
     @pytest.mark.parametrize(
         ("arguments", "said"),
         [
-            (["--out", "missing/loop.svg"], "cannot write missing"),
             (["--out", "loop.png"], "ending in .svg"),
             (["--out", " "], "--out is empty"),
             (["--set", "cycl=1 ms"], "did you mean 'cycle'"),

@@ -31,7 +31,7 @@ def test_the_chosen_pens_are_drawn_in_order_and_recorded(here, monkeypatch):  # 
         return original(record, *given, signals=signals)
 
     monkeypatch.setattr(strip, "strip_chart", chart)
-    assert main(["run", "pens.yaml", "--pens", "z, x,z"]) == 0
+    assert main(["run", "pens.yaml", "--pens", "z, x"]) == 0
     assert main(["run", "pens.yaml"]) == 0
     assert drawn == [(["x", "y", "z"], ["z", "x"]), (["x", "y"], None)]
     assert MOST_PENS == strip.MAX_LANES
@@ -52,6 +52,7 @@ def test_without_a_choice_what_says_most_is_drawn_first():
     [
         ("x,w", "--pens: no signal 'w'; valid: x, y, z"),
         ("", "--pens: no signal ''"),
+        ("x,y, x", "--pens names 'x' twice"),
         (",".join(f"s{i}" for i in range(13)), "no signal 's0'"),
     ],
 )

@@ -95,6 +95,19 @@ class TestPaper:
         assert "Circle $1" in text and "circle.yaml" in text and "some/" not in text
         assert "pen down 0 s to 6.28 s" in text
 
+    def test_the_marks_have_a_key_and_the_parameters_a_line(self):
+        figure = xy_plot(make_record(parameters='{"omega": "1 rad/s"}'), "x", "y")
+        assert "○ where the pen comes down;  ● end;  red lines: full scale" in told(figure)
+        assert "with  omega = 1 rad/s" in told(figure)
+        small = make_record()
+        small["x"].attrs["full_scale"] = small["y"].attrs["full_scale"] = 50.0  # off the paper
+        assert "red lines" not in told(xy_plot(small, "x", "y"))
+
+    def test_a_title_that_is_cut_says_so(self):
+        title = xy_plot(make_record(title="A circle " * 20), "x", "y").texts[0].get_text()
+        assert title.startswith("A circle A circle") and title.endswith(" …")
+        assert len(title) <= 6.4 * 8.1
+
     def test_a_run_broken_off_says_so(self):
         record = make_record(status="stopped", status_note="x left 1e12 times full scale")
         assert "Stopped: x left 1e12" in told(xy_plot(record, "x", "y", pen_down_from_s=9.0))

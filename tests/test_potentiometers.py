@@ -108,3 +108,13 @@ def test_another_machine_has_other_dials():
 def test_mistakes(wrong, says):
     with pytest.raises(PatchError, match=says):
         hybrid.check(parse_patch(TEXT.format(dial=wrong, more="", **GIVEN)))
+
+
+@pytest.mark.parametrize("phase", ["0 rad", "4 rad"])
+def test_the_reference_of_a_square_wave_has_the_sign_of_its_amplitude(phase):
+    """Whichever half comes first: 0.4 V of 1 V is 0.4, inverted only where the amplitude is."""
+    for amplitude, inverted in (("0.4 V", False), ("-0.4 V", True)):
+        source = f"{{square: {amplitude}, period: 1 s, phase: {phase}, full_scale: 1 V}}"
+        text = f"title: a\nanalog: {{x: {source}}}\nrun: {{until: 1 s, every: 0.1 s}}\n"
+        (pot,) = hybrid.check(hybrid.parse_patch(text), trial=False).pots
+        assert (pot.input, pot.setting, pot.inverted) == ("(reference)", 0.4, inverted)

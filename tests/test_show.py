@@ -104,9 +104,9 @@ def test_readouts_keep_their_order_and_stand_together() -> None:
     result = hybrid.run(hybrid.parse_patch(OVERDAMPED))
     assert list(result.readouts) == ["pair", "first", "before"]
     lines = printed(show_run, result, "no prediction: none asked", [])
-    place = lines.index("first: value 0, time 0 s")
+    place = lines.index("first: final value of v = 0, at 0 s")
     assert lines[place - 1] == ""
-    assert lines[place + 1].startswith("before: value ")
+    assert lines[place + 1].startswith("before: mean of x = ")
 
 
 def test_what_is_counted_as_modes_and_how_potentiometers_are_set() -> None:
@@ -152,7 +152,9 @@ def test_scalar_readouts_show_their_unit(patches) -> None:
     result = hybrid.run(hybrid.parse_patch(text))
     lines = printed(show_run, result, "no prediction: none asked", [])
     value = result.readouts["top"]["value"]
-    assert any(line.startswith(f"top: value {value:.9g} rad/s, time ") for line in lines)
+    assert any(
+        line.startswith(f"top: maximum of theta_dot = {value:.9g} rad/s, at ") for line in lines
+    )
     assert "no prediction: none asked" in lines
 
 
@@ -214,3 +216,14 @@ def test_an_overload_shows_by_how_much() -> None:
         cells = next(line for line in lines if line.startswith(f"{name} ")).split()
         assert (cells[2], cells[-2]) == (worst, full_scale)
         assert float(cells[-1]) == pytest.approx(1.0)  # all the run long
+
+
+def test_sentences_are_whole_where_no_terminal_is(monkeypatch) -> None:
+    from io import StringIO
+
+    from hybrid.terminal import console
+
+    monkeypatch.setattr("sys.stdout", written := StringIO())
+    sentence = "no prediction: " + "a word " * 40
+    console().print(sentence)
+    assert written.getvalue() == f"{sentence}\n"

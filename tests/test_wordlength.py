@@ -409,7 +409,12 @@ def test_prediction_leaves_rounding_out(compiled):
         ("word: {mantissa: 3, rounding: up}", "rounding is 'up'; valid: nearest, truncate"),
         ("word: {fixed: 8, overflow: clip}", "overflow is 'clip'; valid: stop, saturate, wrap"),
         ("word: {fixed: 8, full_scale: 0}", "must be greater than 0"),
-        ("word: {fixed: 8, full_scale: unit}", "it must be a pure number"),
+        ("word: float16", "{fixed: 24, full_scale: 100, rounding"),
+        (
+            "word: {fixed: 8, full_scale: unit}",
+            "word of digital: full_scale is in m; it must be a pure number (rad, deg and % are pure): "
+            "it holds for words of all units, in SI; words: takes units",
+        ),
         (
             "word: {fixed: 8, full_scale: 0.05}",
             "does not fit into the word of 'k'; its full_scale is 0.05",

@@ -47,8 +47,6 @@ def details(component: Component, scope: Mapping[str, float], shown: Shown) -> l
     f, kind = Figures(component, scope), component.kind
     told = [line for line in _BY_KIND[kind](f) if line] if kind in _BY_KIND else []
     told += [name for name in component.controls if name in LOGIC and name not in shown]
-    if f.si("hysteresis"):
-        told.append("with hysteresis")
     if f.has("gain"):
         told.append(_gain(f, shown))
     if kind in ("sin", "cos") and f.has("amplitude"):
@@ -94,6 +92,14 @@ def _between(f: Figures) -> list[str]:
     return [f"{f.bare('low')} … {f.bare('high')}"]
 
 
+def _comparator(f: Figures) -> list[str]:
+    """The levels of its sum at which it switches have no unit of their own: SI."""
+    at, half = f.si("threshold"), f.si("hysteresis") / 2
+    if not half:
+        return [*_between(f), f"switches at {number(at, 4)}"]
+    return [*_between(f), f"rises at {number(at + half, 4)},", f"falls at {number(at - half, 4)}"]
+
+
 def _integrator(f: Figures) -> list[str]:
     low = f.bare("low") if f.has("low") else "−∞"
     high = f.bare("high") if f.has("high") else "∞"
@@ -122,7 +128,8 @@ _BY_KIND: Mapping[str, Callable[[Figures], list[str]]] = {
     ],
     "delay": lambda f: [f"T = {f.time('time')}"],
     "lag": lambda f: [f"τ = {f.time('time_constant')}"],
-    **dict.fromkeys(("limit", "dead_zone", "compare"), _between),
+    **dict.fromkeys(("limit", "dead_zone"), _between),
+    "compare": _comparator,
     "integrate": _integrator,
     "track": _leak,
 }

@@ -15,7 +15,7 @@ from hybrid.charts.sheet import Sheet
 from hybrid.errors import RunError
 from hybrid.naming import stem_of
 from hybrid.patch import Patch
-from hybrid.storage import write_whole
+from hybrid.storage import output_folder, write_whole
 
 
 class Svg(str):
@@ -44,5 +44,6 @@ def save_diagram(
     if target.suffix.lower() != ".svg":
         raise RunError(f"--out {target} must be an SVG file, ending in .svg")
     text = draw(patch, parameters)
+    output_folder(target.parent)
     write_whole(target, lambda part: Path(part).write_text(text, encoding="utf-8", newline="\n"))
     return str(target)

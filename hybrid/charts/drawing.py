@@ -12,6 +12,7 @@ from hybrid.charts.sheet import LINE, NAME_SIZE, PILL_HEIGHT, PILL_SIZE, SMALL_S
 from hybrid.charts.symbols import (
     FONT,
     OTHER,
+    RECTANGLE,
     SYMBOLS,
     Field,
     line,
@@ -29,11 +30,6 @@ FOOT = 46.0
 
 # What the heading counts, by its customary name.
 COUNTED_FIRST = ("integrator", "summer", "inverter", "potentiometer", "multiplier")
-COUNTED_AS = {
-    "absolute": "absolute value",
-    "dead_zone": "dead zone",
-    "square_root": "square root",
-}
 
 CORD_COLORS = (*style.PENS, "#9A2F4C", "#6B7A1E")
 
@@ -43,7 +39,7 @@ def svg(sheet: Sheet, plan: Plan) -> str:
     heading = _heading(sheet)
     wide = max(text_width(heading[0], 20.0, bold=True), *(text_width(h, 10) for h in heading[1:]))
     width = max(plan.width, wide) + 2 * EDGE
-    height = HEAD + plan.height + FOOT + EDGE
+    height = HEAD + plan.height + FOOT + EDGE + LINE * (len(heading) - 3)
     left = EDGE + (width - 2 * EDGE - plan.width) / 2
     left = float(round(left))
     inner = _inner(sheet, plan)
@@ -67,15 +63,19 @@ def svg(sheet: Sheet, plan: Plan) -> str:
     )
 
 
-def _paper(width: float, height: float, heading: tuple[str, str, str]) -> list[str]:
+def _paper(width: float, height: float, heading: tuple[str, ...]) -> list[str]:
     """The sheet itself, its frame and what is written on its edges."""
     wide, high = width - 19, height - 19
+    notes = enumerate(reversed(heading[2:]))
     return [
         tag("rect", x=0, y=0, width=width, height=height, fill="#FFFFFF"),
         tag("rect", x=9.5, y=9.5, width=wide, height=high, rx=4, fill="none", stroke=style.FRAME),
         words(EDGE, 36, heading[0], 20, anchor="start", bold=True),
         words(EDGE, 58, heading[1], 10, anchor="start", color=style.MUTED),
-        words(EDGE, height - 26, heading[2], SMALL_SIZE, anchor="start", color=style.MUTED),
+        *(
+            words(EDGE, height - 26 - LINE * n, note, SMALL_SIZE, anchor="start", color=style.MUTED)
+            for n, note in notes
+        ),
     ]
 
 
@@ -97,13 +97,23 @@ def _inner(sheet: Sheet, plan: Plan) -> list[str]:
             inner.append(tag("g", box, transform=f"translate({at[0]:g} {at[1]:g})"))
         else:
             inner.append(_part(part, at))
+    inner += [_mark(sheet, route, plan) for route in plan.routes if route.cord in sheet.marks]
     return inner
 
 
-def _heading(sheet: Sheet) -> tuple[str, str, str]:
+def _mark(sheet: Sheet, route: Route, plan: Plan) -> str:
+    """The letter of a terminal, within the symbol where its cord ends."""
+    part, (x, y) = sheet.parts[route.cord.target], plan.places[route.cord.target]
+    mark = sheet.marks[route.cord]
+    middle, at = x + part.symbol[0] + RECTANGLE / 2, y + part.box.ins[route.place]
+    return words(middle, at, mark, 8.0, bold=True, color=style.PENS[1], data_terminal=mark)
+
+
+def _heading(sheet: Sheet) -> tuple[str, ...]:
+    """Title and facts above, and one or two lines of notes below."""
     counts = dict.fromkeys(COUNTED_FIRST, 0)
     for component in sorted(sheet.patch.components, key=lambda component: component.kind):
-        name = COUNTED_AS.get(component.kind, CATALOG[component.kind].symbol)
+        name = CATALOG[component.kind].symbol
         counts[name] = counts.get(name, 0) + 1
     counts["A-D converter"] = len(sheet.patch.adcs)
     counts["D-A converter"] = len(sheet.patch.dacs)
@@ -116,10 +126,25 @@ def _heading(sheet: Sheet) -> tuple[str, str, str]:
     file = "" if file.startswith("<") else file  # text that came from no file
     facts = "  ·  ".join(filter(None, (file, on_text(sheet.patch.on), ",  ".join(told))))
     note = (
-        "Below each name: full scale. Figures in circles and on cords are coefficients in the "
-        "units shown; 1 is not written. Above an integrator: its initial value."
+        "Below each name: full scale. Figures in circles and in rounded boxes on cords are coefficients "
+        "in the units shown; 1 is not written. Above an integrator: its initial value."
     )
-    return sheet.patch.title or file or "Patch", facts, note
+    return sheet.patch.title or file or "Patch", facts, note, *_more_notes(sheet)
+
+
+def _more_notes(sheet: Sheet) -> list[str]:
+    """A second line of notes, where there is more to explain."""
+    explained = {
+        "R": "R resets it to its initial value (IC) while high",
+        "H": "H holds it (HOLD) while high",
+        "I": "I is its initial value",
+    }
+    there = set(sheet.marks.values())
+    told = [text for mark, text in explained.items() if mark in there]
+    notes = [f"Terminals of an integrator that add nothing: {', '.join(told)}."] if told else []
+    if any(component.kind == "compare" for component in sheet.patch.components):
+        notes.append("A comparator rises and falls at these levels of its sum, in SI units.")
+    return [" ".join(notes)] if notes else []
 
 
 def _cords(sheet: Sheet, plan: Plan, colors: Mapping[Net, str]) -> list[str]:

@@ -30,6 +30,8 @@ PANEL_IN = 2.5
 PANEL_WIDTH_IN = 4.75
 BELOW_IN = 1.0  # axis label and the statistics
 MOST_PANELS = 12
+LETTERS = 165  # of a line of the heading
+KEY = "solid line: mean;  dashed lines: one standard deviation to either side of it"
 
 
 @dataclass(frozen=True)
@@ -55,11 +57,14 @@ def ensemble_chart(
 ) -> Figure:
     """Draw how figures are spread over runs.
 
-    title, facts: heading and the lines below it; spreads: MOST_PANELS are drawn, and the heading says
+    title, facts: heading and what stands below it; spreads: MOST_PANELS are drawn, and the heading says
     so; across: what the figures are drawn over, else they are counted.
     """
     shown = spreads[:MOST_PANELS]
-    lines = [(title, style.INK), *((fact, style.MUTED) for fact in facts)]
+    lines = [(title, style.INK)]
+    lines += [(line, style.MUTED) for line in style.wrapped(facts, LETTERS)]
+    if across is None and any(len(set(spread.values)) > 1 for spread in shown):
+        lines.append((KEY, style.MUTED))
     if len(shown) < len(spreads):
         lines.append((f"{len(shown)} of {len(spreads)} figures are drawn", style.ALARM))
     top_in = 0.75 + LINE_IN * len(lines)

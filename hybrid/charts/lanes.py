@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -45,6 +45,8 @@ class Lane:
     high: float
     overloads: tuple[tuple[float, int], ...]  # first time (s), number of instants
     held: bool  # stands still but where it jumps
+    first_s: float = -math.inf  # first result of an ADC or a word
+    early: int = 0  # rows before it
 
 
 def lane_limits(values: Floats, full_scale: float) -> tuple[float, float]:
@@ -76,7 +78,10 @@ def lane_of(record: Recorded, name: str, overloads: Sequence[tuple[float, int]])
     units, kind = style.unit_text(str(about.get("units", ""))), str(about.get("kind", "analog"))
     limits = lane_limits(values, full_scale)
     held = style.is_held(about)
-    return Lane(name, kind, units, full_scale, values, *limits, tuple(overloads), held)
+    first_s = float(about.get("first_result_s", -math.inf))
+    early = int(np.count_nonzero(np.asarray(record["time"].values) < first_s))
+    lane = Lane(name, kind, units, full_scale, values, *limits, tuple(overloads), held)
+    return replace(lane, first_s=first_s, early=early)
 
 
 def overload_text(events: Sequence[tuple[float, int]], span_s: float) -> str:
@@ -127,7 +132,7 @@ def _label(figure: Figure, lane: Lane, middle_in: float, end_in: float) -> None:
     about = ",  ".join(text for text in (lane.units, KIND_TEXT.get(lane.kind, lane.kind)) if text)
     muted = {"color": style.MUTED, "fontsize": 8.5}
     write(figure, MARGIN_IN, middle_in + 0.08, about, va="top", **muted)
-    lines = [(text, style.MUTED) for text in _extremes(lane.values)]
+    lines = [(text, style.MUTED) for text in _extremes(lane)]
     if math.isfinite(lane.full_scale) and lane.full_scale > 0:
         lines.append((f"full scale ±{number(lane.full_scale)}", style.LIMIT_TEXT))
         share = (lane.high - lane.low) / (2 * lane.full_scale)
@@ -138,12 +143,15 @@ def _label(figure: Figure, lane: Lane, middle_in: float, end_in: float) -> None:
         write(figure, end_in + 0.12, top_in, text, va="center", color=color, fontsize=8)
 
 
-def _extremes(values: Floats) -> list[str]:
-    finite = values[np.isfinite(values)]
+def _extremes(lane: Lane) -> list[str]:
+    """Largest and least value, and why rows have none."""
+    finite = lane.values[np.isfinite(lane.values)]
     if not finite.size:
         return ["no values"]
     told = [f"max {number(finite.max())}", f"min {number(finite.min())}"]
-    missing = values.size - finite.size
+    if lane.early:
+        told += ["nothing before the", f"first result, {style.duration(lane.first_s)}"]
+    missing = lane.values.size - finite.size - lane.early
     rows = "1 row has" if missing == 1 else f"{missing:,} rows have"
     return [*told, f"{rows} no value"] if missing else told
 

@@ -68,6 +68,11 @@ class _Axis:
         return style.with_unit(self.name, self.units)
 
     @property
+    def shows_full_scale(self) -> bool:
+        """Whether its full scale is on the paper."""
+        return 0 < self.full_scale <= self.frame
+
+    @property
     def note(self) -> str:
         """Where the frame is not full scale, how much of it is shown."""
         share = self.frame / self.full_scale if self.full_scale > 0 else math.nan
@@ -207,14 +212,25 @@ def _heading(
     facts += ["pen up in IC and HOLD"] if lifted else []
     facts += [note for note in (across.note, upward.note) if note]
     title = str(about.get("title") or about.get("patch") or "Record")
-    lines = [(line, style.INK) for line in textwrap.wrap(title, int(6.4 * width_in))[:1]]
+    longest = int(6.4 * width_in)
+    whole = " ".join(title.split())
+    shown = whole if len(whole) <= longest else f"{whole[: longest - 2].rstrip()} …"
+    lines = [(shown, style.INK)]
     lines += [(line, style.MUTED) for line in style.wrapped(facts, int(13 * width_in))]
+    given = style.parameter_lines(about, int(13 * width_in))
+    lines += [(line, style.MUTED) for line in [*given, _key(across, upward)]]
     if about.get("status") in BROKEN_OFF:
         told = textwrap.wrap(
             f"{about['status']}: {about.get('status_note', '')}".rstrip(": "), int(12 * width_in)
         )
         lines += [(line[0].upper() + line[1:], style.ALARM) for line in told]
     return lines
+
+
+def _key(across: _Axis, upward: _Axis) -> str:
+    """What the marks on the paper mean."""
+    full_scale = any(axis.shows_full_scale for axis in (across, upward))
+    return "○ where the pen comes down;  ● end" + full_scale * ";  red lines: full scale"
 
 
 # -- drawing ---------------------------------------------------------------------------------------
@@ -229,7 +245,7 @@ def _draw_paper(axes: Axes, across: _Axis, upward: _Axis) -> None:
     style.rule(axes, ticks, np.linspace(-upward.frame, upward.frame, 5 * rows + 1), heavy=5)
     for axis, line in ((across, axes.axvline), (upward, axes.axhline)):
         line(0.0, color=style.FRAME, lw=0.9, zorder=1)
-        if 0 < axis.full_scale <= axis.frame:
+        if axis.shows_full_scale:
             for place in (-axis.full_scale, axis.full_scale):
                 line(place, color=style.LIMIT, lw=1.6, zorder=2, label="full scale", clip_on=False)
     for axis, its in ((across, axes.xaxis), (upward, axes.yaxis)):

@@ -11,6 +11,7 @@ from typing import Any
 from hybrid.beside import mode_beside
 from hybrid.charts import style
 from hybrid.charts.style import TableRow, number
+from hybrid.naming import asked_text
 
 Figures = Mapping[str, Any]
 
@@ -27,15 +28,19 @@ ERROR_TEXT = (
 
 
 def tables_of(
-    readouts: Mapping[str, Figures], prediction: Sequence[Figures]
+    readouts: Mapping[str, Figures], prediction: Sequence[Figures], span_s: float = 0.0
 ) -> tuple[list[TableRow], list[TableRow]]:
-    """The table of modes, and that of what other readouts say; the arguments are `strip_chart`'s."""
+    """The table of modes, and that of what other readouts say; the arguments are `strip_chart`'s.
+
+    span_s: the largest time of the chart, whose unit is that of the times in the tables.
+    """
     transients = {name: its for name, its in readouts.items() if "omega" in its}
     others = {name: its for name, its in readouts.items() if "omega" not in its}
     rows = mode_rows(transients, prediction)
     if any(math.isfinite(error) for row in rows for _, error in row.cells.values()):
         rows = [*rows, TableRow(ERROR_TEXT, color=style.MUTED)]
-    return rows, _cut([row for name, its in others.items() for row in _readout_rows(name, its)])
+    told = [row for name, its in others.items() for row in _readout_rows(name, its, span_s)]
+    return rows, _cut(told)
 
 
 def mode_rows(readouts: Mapping[str, Figures], prediction: Sequence[Figures]) -> list[TableRow]:
@@ -78,7 +83,7 @@ def _pair_rows(readouts: Mapping[str, Figures], prediction: Sequence[Figures]) -
     return rows
 
 
-def _readout_rows(name: str, measured: Figures) -> list[TableRow]:
+def _readout_rows(name: str, measured: Figures, span_s: float = 0.0) -> list[TableRow]:
     """Return a transient's figures in columns, any other readout's in words; then the remarks."""
     cells = _cells(measured)
     told = [str(measured[key]) for key in ("reason", "note") if measured.get(key)]
@@ -88,13 +93,20 @@ def _readout_rows(name: str, measured: Figures) -> list[TableRow]:
         return [row, *(TableRow("", note=remark) for remark in remarks)]
     if not told:
         numbers = {key: value for key, value in measured.items() if isinstance(value, int | float)}
-        units = {"value": style.unit_text(str(measured.get("units", ""))), "time_s": "s"}
-        told = [
-            f"{key.removesuffix('_s')} {number(float(value), 6)} {units.get(key, '')}".rstrip()
-            for key, value in numbers.items()
-        ]
+        told = [_figure(measured, key, float(value), span_s) for key, value in numbers.items()]
     lines = textwrap.wrap(",  ".join(told), 120) or ["none"]
     return [replace(row, note=lines[0]), *(TableRow("", note=line) for line in lines[1:])]
+
+
+def _figure(measured: Figures, key: str, value: float, span_s: float) -> str:
+    """One figure of a readout: 'maximum of x = 2.5 V', 'at 85.7 ms'."""
+    if key == "value":
+        units = style.unit_text(str(measured.get("units", "")))
+        return f"{asked_text(measured)} = {number(value, 6)} {units}".rstrip()
+    if key == "time_s":
+        per_second, unit = style.time_scale(span_s or value)
+        return f"at {number(value * per_second, 6)} {unit}"
+    return f"{key} {number(value, 6)}"
 
 
 def _cells(figures: Figures) -> dict[str, tuple[float, float]]:

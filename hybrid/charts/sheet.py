@@ -59,6 +59,7 @@ class Sheet:
     parts: dict[str, Part] = field(default_factory=dict)
     cords: list[Cord] = field(default_factory=list)
     pills: dict[Cord, Pill] = field(default_factory=dict)
+    marks: dict[Cord, str] = field(default_factory=dict)  # letters at terminals that add nothing
     programs: dict[str, ProgramBox] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
@@ -87,9 +88,21 @@ class Sheet:
         inputs: list[tuple[str, Value | None]] = [*(taken or component.terms)]
         inputs += [(signal, None) for signal in component.signals]
         # What sets a mode comes in as a control does; the machine's own mode needs no cord.
-        others = (component.initial_signal, *component.controls)
-        inputs += [(signal, None) for signal in others if signal in self.shown]
+        others = [
+            (signal, mark)
+            for signal, mark in (
+                (component.initial_signal, "I"),
+                (component.control, ""),
+                (component.reset_when, "R"),
+                (component.hold_when, "H"),
+            )
+            if signal in self.shown
+        ]
+        adding = len(inputs)
+        inputs += [(str(signal), None) for signal, _ in others]
         cords = [Cord(s, s, name, place) for place, (s, _) in enumerate(inputs)]
+        marks = zip(cords[adding:], others, strict=True)
+        self.marks |= {cord: mark for cord, (_, mark) in marks if mark}
         pills: dict[Cord, Pill] = {}
         text = CATALOG[kind].key
         for cord, (source, value) in zip(cords, inputs, strict=True):

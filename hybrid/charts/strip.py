@@ -59,7 +59,8 @@ def strip_chart(
 
     record: dimension `time` (s); one float64 variable per signal, in problem units, with
         attributes units, full_scale, kind ('analog', 'adc', 'dac' or 'word').
-    readouts: name -> {'omega', 'omega_damped' (rad/s), 'zeta', each with '..._error', 'reason'}.
+    readouts: name -> {'omega', 'omega_damped' (rad/s), 'zeta', each with '..._error', 'reason'}, or
+        {'value', 'time_s', 'units', 'kind', 'signal'}.
     prediction: modes of the exact one-cycle map, each {'omega', 'omega_damped', 'zeta',
         'omega_ideal', 'zeta_ideal', 'closed_form': {'equation', 'omega', 'zeta'} or None}.
     signals: names of the signals to draw, in order; the first 12 of the record if not given.
@@ -78,8 +79,9 @@ def strip_chart(
     lanes = [lane_of(record, name, overloads.get(name, ())) for name in names[:MAX_LANES]]
     spans = _mode_spans(record, time_s)
     head = _heading(record, lanes, len(names), LEGEND if spans else "")
-    tables = tables_of(readouts or {}, prediction or ())
-    foot = _footnotes(lanes, overloads, float(np.abs(time_s).max(initial=0.0)))
+    span_s = float(np.abs(time_s).max(initial=0.0))
+    tables = tables_of(readouts or {}, prediction or (), span_s)
+    foot = _footnotes(lanes, overloads, span_s)
     with style.chart_style():
         broken_off = record.attrs.get("status") in BROKEN_OFF
         return _draw(time_s, lanes, spans, head, tables, foot, broken_off)
@@ -135,14 +137,7 @@ def _heading(
     ]
     lines = [(str(about.get("title") or about.get("patch") or "Record"), style.INK)]
     lines += [(line, style.MUTED) for line in style.wrapped(facts, LETTERS)]
-    given = json.loads(about.get("parameters") or "{}")
-    if given:
-        text = "with  " + ",  ".join(
-            f"{key} = {style.unit_text(value)}".replace(" ", "\u00a0")
-            for key, value in given.items()
-        )
-        wrapped = textwrap.wrap(text, LETTERS, max_lines=2, placeholder=" …")
-        lines += [(line.replace("\u00a0", " "), style.MUTED) for line in wrapped]
+    lines += [(line, style.MUTED) for line in style.parameter_lines(about, LETTERS)]
     if about.get("status") in BROKEN_OFF:
         status, note = str(about["status"]), str(about.get("status_note", ""))
         told = note if note.lower().startswith(status) else f"{status}: {note}".rstrip(": ")

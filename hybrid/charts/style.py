@@ -247,6 +247,16 @@ def wrapped(facts: Sequence[str], letters: int) -> list[str]:
     return [line.replace("\u00a0", " ").strip(" ·") for line in lines]
 
 
+def parameter_lines(about: Mapping[str, Any], letters: int) -> list[str]:
+    """'with  omega_p = 10 rad/s,  cycle = 1 ms' in two lines at most; none without parameters."""
+    given = json.loads(about.get("parameters") or "{}")
+    if not given:
+        return []
+    told = (f"{key} = {unit_text(value)}".replace(" ", "\u00a0") for key, value in given.items())
+    lines = textwrap.wrap(f"with  {',  '.join(told)}", letters, max_lines=2, placeholder=" …")
+    return [line.replace("\u00a0", " ") for line in lines]
+
+
 def is_held(about: Mapping[str, Any]) -> bool:
     """Whether a signal stands still but where it jumps, so that it is drawn as steps."""
     return bool(about.get("held", str(about.get("kind", "analog")) != "analog"))

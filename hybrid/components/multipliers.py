@@ -177,7 +177,7 @@ class Divide(InFeedback):
 class SquareRoot(InFeedback):
     """The square root of a signal; 0 below 0."""
 
-    key = "square_root"
+    key, symbol = "square_root", "square root"
     doc = "square root of a signal, 0 where it is negative"
     main = Key("square_root", Holds.SIGNAL, "the signal", required=True)
     keys = (GAIN, *FEEDBACK_KEYS)

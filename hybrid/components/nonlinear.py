@@ -144,7 +144,7 @@ class FunctionGenerator(Nonlinear):
 class Absolute(SameUnit):
     """The size of a signal."""
 
-    key = "absolute"
+    key, symbol = "absolute", "absolute value"
     doc = "absolute value of a signal"
     main = Key("absolute", Holds.SIGNAL, "the signal", required=True)
 
@@ -181,7 +181,7 @@ class Limit(SameUnit):
 class DeadZone(Limit):
     """Zero while a signal stays within a band, the distance from the band outside."""
 
-    key = "dead_zone"
+    key, symbol = "dead_zone", "dead zone"
     doc = "0 from low to high, the distance beyond them outside"
     main = Key("dead_zone", Holds.SIGNAL, "the signal", required=True)
 

@@ -6,7 +6,7 @@ from collections.abc import Mapping, Sequence
 
 from hybrid.errors import PatchError, did_you_mean, quoted
 from hybrid.fields import Fields, in_words, only_keys, table_of
-from hybrid.language import OVERFLOWS, ROUNDINGS, WORD_KEYS, WORD_LENGTHS
+from hybrid.language import OVERFLOWS, ROUNDINGS, WORD_KEYS, WORD_LENGTHS, WORD_LENGTHS_OF_ALL
 from hybrid.patch import WordSettings
 from hybrid.patchfile.book import Book, tasks_of
 from hybrid.units import PURE, Dimension
@@ -25,7 +25,7 @@ Dimensions = Mapping[str, Dimension | None]
 def read_word_length(book: Book, digital: Table) -> WordSettings:
     """The word length of all that has none of its own."""
     tree = digital.entries.get("word")
-    return _settings(book, tree, "word of digital", PURE) if tree else WordSettings()
+    return _settings(book, tree, "word of digital", PURE, of_all=True) if tree else WordSettings()
 
 
 def read_word_lengths(
@@ -55,7 +55,7 @@ def read_word_lengths(
 def task_word_length(book: Book, name: str, table: Table) -> WordSettings | None:
     """The word length that a task gives all of its words; None where it gives none."""
     tree = table.entries.get("word")
-    return _settings(book, tree, f"word of task {name!r}", PURE) if tree else None
+    return _settings(book, tree, f"word of task {name!r}", PURE, of_all=True) if tree else None
 
 
 def _single(
@@ -71,18 +71,20 @@ def _single(
     return found
 
 
-def _settings(book: Book, tree: Tree, what: str, due: Dimension | None) -> WordSettings:
+def _settings(
+    book: Book, tree: Tree, what: str, due: Dimension | None, of_all: bool = False
+) -> WordSettings:
+    """of_all: it is that of words of many units, so that its full scale has none of its own."""
+    valid = WORD_LENGTHS_OF_ALL if of_all else WORD_LENGTHS
     if isinstance(tree, Text):
         if tree.text not in SHORT:
-            raise PatchError(f"{what} is {quoted(tree.text)}; valid: {WORD_LENGTHS}", tree.place)
+            raise PatchError(f"{what} is {quoted(tree.text)}; valid: {valid}", tree.place)
         return SHORT[tree.text]
     table = table_of(tree, what, "mantissa: bits, or fixed: bits")
     fields = Fields(table, what, WORD_KEYS, book.scope, table.place)
     kinds = [key for key in ("mantissa", "fixed") if key in table.entries]
     if len(kinds) != 1:
-        raise PatchError(
-            f"{what} needs either mantissa or fixed; valid: {WORD_LENGTHS}", table.place
-        )
+        raise PatchError(f"{what} needs either mantissa or fixed; valid: {valid}", table.place)
     cuts = _choice(fields, "rounding", ROUNDINGS) == "truncate"
     if kinds == ["mantissa"]:
         only_keys(table, [k for k in WORD_KEYS if k.name in ("mantissa", "rounding")], what)
@@ -91,8 +93,12 @@ def _settings(book: Book, tree: Tree, what: str, due: Dimension | None) -> WordS
     if full_scale is not None:
         _, dimension = fields.value_of(fields.tree("full_scale"), f"full_scale of {what}")
         if due is not None and dimension not in (None, PURE, due):
+            given = in_words(dimension or PURE)
             raise PatchError(
-                f"full_scale of {what} is {in_words(dimension or PURE)}; it must be {in_words(due)}",
+                f"{what}: full_scale is {given}; it must be {in_words(due)}"
+                + (
+                    ": it holds for words of all units, in SI; words: takes units" if of_all else ""
+                ),
                 full_scale.place,
             )
     overflow = Overflow[_choice(fields, "overflow", OVERFLOWS).upper()]
