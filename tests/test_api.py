@@ -249,3 +249,11 @@ def test_potentiometers_by_hand() -> None:
         assert (row.gain, row.inverted) == (gain, inverted), key
         assert row.setting == pytest.approx(setting, rel=1e-14), key
         assert row.coefficient_mu == pytest.approx((-1) ** inverted * setting * gain, rel=1e-14)
+
+
+def test_no_minus_zero_in_a_record() -> None:
+    """A word that is -1 times an ADC's 0 is 0 to whoever reads the record."""
+    text = "title: a\nanalog: {x: {constant: 0, full_scale: 1}}\ninterface: {s: {adc: x}}\n"
+    text += "digital: {period: 1 s, program: {w: -s}}\nrun: {until: 2 s}\n"
+    record = hybrid.run(hybrid.parse_patch(text), machine="ideal").record
+    assert not np.signbit(record["w"].values).any()
