@@ -30,7 +30,7 @@ from hybrid.roundoff import lost_constants
 from hybrid.runs import check_windows, thinning, thinning_text
 from hybrid.scale import time_scale_text, to_seconds, to_ticks
 from hybrid.shots import ShotRow, check_shots
-from hybrid.timeline import build_timeline
+from hybrid.timeline import build_timeline, seldom_text
 from hybrid.trial import Trial, Use, try_out, uses
 from hybrid.wordlength import Kind
 from hybrid.workload import TaskRow, task_rows, to_dicts
@@ -210,7 +210,7 @@ def check(
             *lost_constants(compiled),
             *asked_before(compiled),
             *workload_warnings(compiled, rows),
-            *filter(None, [short_windows(compiled)]),
+            *filter(None, [short_windows(compiled), seldom_text(compiled)]),
             *disagreeing,
         ),
         rows,

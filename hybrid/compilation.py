@@ -32,6 +32,8 @@ CIRCUIT_MODULES = frozenset(
 )
 # Which of them only some circuits need.
 NOT_FOR_ALL = frozenset({"play_limited_circuit"})
+# Rows of a run that is over within seconds, be every interval prepared by itself.
+MANY_INTERVALS = 100_000
 TAKES = "a few minutes, more where the machine is busy"
 
 
@@ -55,6 +57,11 @@ def say_if_slow(machine: Machine, engine: str) -> None:
         from hybrid.loudness import short_windows
 
         if told := short_windows(machine):
+            say(told)
+    elif machine.timing.until > MANY_INTERVALS * machine.timing.every:
+        from hybrid.timeline import seldom_text
+
+        if told := seldom_text(machine):
             say(told)
 
 

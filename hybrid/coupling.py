@@ -16,7 +16,7 @@ import numpy as np
 
 from hybrid.components import CATALOG
 from hybrid.cycle_map import CycleMap, cycle_maps, in_operation, stretch_s, without
-from hybrid.eigenvalues import Complex, eigenvalues
+from hybrid.eigenvalues import FORGOTTEN, Complex, eigenvalues
 from hybrid.errors import HybridError
 from hybrid.expressions import Name
 from hybrid.layout import build_analog
@@ -195,6 +195,8 @@ def converter_paths(patch: Patch, analog: Analog) -> tuple[Floats, Floats, Float
 def modes(machine: Machine) -> tuple[Mode, ...]:
     """The modes that the patch is meant to have, as the machine plays them, slowest first.
 
+    Those that are over within a stretch, a sensor's lag of 1 us beside T = 1 ms, have left no trace in
+    the map and are not among them.
     Where the patch has no ideal limit, every mode is listed and the ideal figures are NaN.
     """
     return only(modes_of_each([machine]))
@@ -214,27 +216,28 @@ def _beside_ideal(machine: Machine, exact: list[complex]) -> tuple[Mode, ...]:
     except HybridError:  # no limit, or a loop that only lags make possible
         pairs = [(s, complex(np.nan, np.nan)) for s in exact]
     else:
-        pairs = _pair(exact, ideal.tolist())
-        pairs += _unmeant(exact, pairs, _lasting(machine))
+        within_s = _stretch_s(machine)
+        lasting = [s for s in ideal.tolist() if -s.real * within_s < -math.log(FORGOTTEN)]
+        pairs = _pair(exact, lasting)
+        pairs += _unmeant(exact, pairs, math.log(2.0) / within_s if within_s else 0.0)
     found = [_mode(s, i) for s, i in pairs if s.imag >= 0]
     return tuple(sorted(found, key=lambda m: (m.omega, m.zeta)))
 
 
-def _lasting(machine: Machine) -> float:
-    """The rate, 1/s, of a mode that falls to half in a stretch: what is slower belongs to what the
-    program remembers, faster ones to results that pass through. 0 without a digital machine, where what
-    is faster than all that is meant is a lag."""
+def _stretch_s(machine: Machine) -> float:
+    """What repeats takes so long; 0 without a digital machine."""
     timing = machine.timing
     if not timing.period:
         return 0.0
-    return math.log(2.0) / (stretch_s(machine) if timing.tasks else to_seconds(timing.period))
+    return stretch_s(machine) if timing.tasks else to_seconds(timing.period)
 
 
 def _unmeant(
     exact: list[complex], pairs: list[tuple[complex, complex]], lasting: float
 ) -> list[tuple[complex, complex]]:
     """Modes that nobody meant and that matter: those that grow, that last from stretch to stretch, or
-    are slower than a meant one."""
+    are slower than a meant one. lasting: the rate, 1/s, at which a mode falls to half in a stretch; what
+    is slower belongs to what the program remembers, what is faster to results that pass through."""
     taken = {mode for mode, _ in pairs}
     fastest = max((abs(ideal) for _, ideal in pairs), default=0.0)
     nothing = complex(np.nan, np.nan)

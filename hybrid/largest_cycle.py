@@ -24,6 +24,8 @@ STEP = 1.2
 # T is compared with far less of a mode's time: what it moves there by less than MOVED it never moves.
 LITTLE = 1e-2
 MOVED = 1e-8
+# The damping ratio of what neither grows nor falls is rounding.
+NO_GROWTH = 1e-9
 
 
 def damping_error_of(value: float) -> float:
@@ -61,6 +63,11 @@ def largest_cycle_s(machine: Machine, max_damping_error: float) -> float | None:
     if not fastest > 0:
         raise RunError("the patch has no ideal mode to compare the damping ratio with")
     error, shortest = _damping_error(machine), _shortest_cycle_s(machine, 1e-6 / fastest)
+    if math.isinf(error(shortest)):
+        raise RunError(
+            f"even at T = {shortest:.3g} s a mode grows that is not meant, say of what the program "
+            "remembers; no cycle time and no larger error cure that"
+        )
     if error(shortest) > max_damping_error:
         raise RunError(
             f"even at T = {shortest:.3g} s the damping-ratio error is {error(shortest):.3g}"
@@ -133,7 +140,7 @@ def _damping_error(machine: Machine) -> Callable[[float], float]:
             found = _modes_at(machine, period_s)
         except RunError:
             return math.inf
-        if any(math.isnan(m.omega_ideal) and m.zeta < 0 for m in found):
+        if any(math.isnan(m.omega_ideal) and m.zeta < -NO_GROWTH for m in found):
             return math.inf  # a mode grows that nobody meant
         errors = [_error_of(mode, period_s) for mode in found if mode.omega_ideal > 0]
         return max(errors, default=math.inf)

@@ -77,10 +77,10 @@ _LOGIC_WORD = re.compile(r"(?<![\w.])(and|or|not)(?!\w)", re.ASCII)
 _NOT_FINITE = re.compile(r"[+-]?\.?(nan|inf|infinity)(\s+\S.*)?", re.ASCII | re.IGNORECASE)
 _DECIMAL_COMMA = re.compile(r"(?<![\w.,])(\d++),(\d++)(?![\w.]*,)", re.ASCII)
 # A name as it stands in arithmetic, "rotation.rate" in one piece; the e of 1e3 and a unit are none.
-NAME_IN_TEXT = re.compile(r"(?<![\w.])[A-Za-z_]\w*+(?:\.[A-Za-z_]\w*+)*+", re.ASCII)
+NAME_IN_TEXT = re.compile(r"(?<![\w.])[A-Za-z_]\w*+(?:\.[A-Za-z_]\w*+)*", re.ASCII)
 _NAME_ALONE = re.compile(r"[A-Za-z_]\w*+", re.ASCII)
 _NUMBER_THEN_NAME = re.compile(
-    r"(?<![\w.])((?:\d++\.?+\d*+|\.\d++)(?:[eE][+-]?\d++)?+)"
+    r"(?<![\w.])((?:\d++\.?+\d*+|\.\d++)(?:[eE][+-]?\d++)?(?![eE][+-]?\d))"
     r"[ \t]*+(?!(?:and|or|not|if|else)\b)([A-Za-z_]\w*+)",
     re.ASCII,
 )

@@ -207,7 +207,7 @@ def run(
     player = player_of(compiled, engine)(compiled, timeline, pens, seed, keep_every)
     player.state.words[:] = initial_words(compiled)
     began_s = time.perf_counter()
-    status, note = _play(player, progress)
+    status, note = _play(player, progress, keep_every)
     played_s = time.perf_counter() - began_s
     if status == "complete":
         lost = roundoff_text(compiled)
@@ -275,13 +275,15 @@ def check_windows(machine: Machine) -> None:
                 )
 
 
-def _play(player: Player, progress: Progress | None) -> tuple[str, str]:
+def _play(player: Player, progress: Progress | None, keep_every: int) -> tuple[str, str]:
     try:
         for done in player.play():
             if progress:
                 progress(done)
     except KeyboardInterrupt:
-        note = f"interrupted at {player.done_s:.6g} s; the record ends there"
+        last_s = to_seconds((len(player.record) - 1) * player.machine.timing.every * keep_every)
+        ends = "there" if last_s == player.done_s else f"with its row at {last_s:.6g} s"
+        note = f"interrupted at {player.done_s:.6g} s; the record ends {ends}"
         return "interrupted", "; ".join((note, *player.remarks()))
     return ending(player)
 

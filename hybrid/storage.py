@@ -94,7 +94,10 @@ def write_whole(path: Path, write: Callable[[str], Any]) -> None:
         os.chmod(part, 0o666 & ~umask)
         os.replace(part, path)
     except OSError as error:
-        raise NotWritten(f"cannot write {path}: {error.strerror or error}") from None
+        # The file was there just now: without any room left, HDF takes it for forbidden.
+        denied = part and isinstance(error, PermissionError)
+        why = "not permitted; is there room?" if denied else error.strerror or error
+        raise NotWritten(f"cannot write {path}: {why}") from None
     finally:
         if os.path.exists(part):
             os.unlink(part)

@@ -359,6 +359,18 @@ def _never_together(machine: Machine, periods: str) -> str:
     )
 
 
+def seldom_text(machine: Machine) -> str:
+    """Which clocks hardly ever come together, and what that costs; '' where they do."""
+    if never_repeats(machine) or machine.elements or build_timeline(machine).later is None:
+        return ""
+    periods = [task.period for task in machine.timing.tasks] or [machine.timing.period]
+    told = ", ".join(f"{to_seconds(period):.12g} s" for period in sorted(periods))
+    return (
+        f"{_never_together(machine, told)}: hardly an interval between events comes again, and each is "
+        "prepared by itself, which takes far longer; make one a small multiple of the other"
+    )
+
+
 def most_intervals(machine: Machine) -> int:
     """How many different intervals between events a run may have."""
     if machine.elements:  # no propagators

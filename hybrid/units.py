@@ -48,15 +48,16 @@ _COMMON_UNITS = """
     V mV uV kV volt A mA uA ampere ohm kohm Mohm F uF nF pF H mH
 """
 
-# Possessive quantifiers: hostile text must not make the matcher back up.
-_NUMBER = r"[+-]?(?:\d++(?:\.\d*+)?+|\.\d++)(?:[eE][+-]?\d++)?+(?![eE](?![A-Za-z_]))"
+# Possessive quantifiers of single letters, "\s*+": hostile text must not make the matcher back up. None
+# of groups, "(?:...)?+": once in a while Python 3.11 keeps what they match in part ("1e" as a number).
+_NUMBER = r"[+-]?(?:\d+(?:\.\d*)?|\.\d+)(?:[eE][+-]?\d+)?(?![0-9.])(?![eE](?![A-Za-z_]))"
 _LETTER = "A-Za-zµμΩΩÅΔ"
 _NAME = rf"(?:%|°[CF]?|[{_LETTER}][{_LETTER}0-9_]*+)"
-_POWER = r"(?:\s*+(?:\*\*|\^)\s*+(?:[+-]?\d{1,2}(?:\.\d{1,3})?|\(\d{1,2}/\d{1,2}\)))?+"
+_POWER = r"(?:\s*+(?:\*\*|\^)\s*+(?:[+-]?\d{1,2}(?:\.\d{1,3})?|\(\d{1,2}/\d{1,2}\)))?"
 _FACTOR = rf"{_NAME}{_POWER}"
-_PRODUCT = rf"{_FACTOR}(?:\s*+[*/]\s*+{_FACTOR})*+"
+_PRODUCT = rf"{_FACTOR}(?:\s*+[*/]\s*+{_FACTOR})*"
 _TERM = rf"(?:{_FACTOR}|\(\s*+{_PRODUCT}\s*+\))"
-_UNIT = re.compile(rf"(?:1\s*+/\s*+)?{_TERM}(?:\s*+[*/]\s*+{_TERM})*+", re.ASCII)
+_UNIT = re.compile(rf"(?:1\s*+/\s*+)?{_TERM}(?:\s*+[*/]\s*+{_TERM})*", re.ASCII)
 _QUANTITY = re.compile(rf"({_NUMBER})\s*+(.*)", re.ASCII | re.DOTALL)
 _QUANTITY_START = re.compile(rf"\s*+{_NUMBER}\s*+(?:[%°{_LETTER}]|1\s*+/)", re.ASCII)
 

@@ -631,6 +631,32 @@ def test_largest_cycle_passes_no_other_that_exceeds_the_error(error, shipped, co
         assert max(abs(m.zeta - m.zeta_ideal) for m in seen) <= error * (1 + 1e-9)
 
 
+@pytest.mark.parametrize("time_constant", ["1 us", "20 us"])
+def test_what_is_over_within_a_cycle_is_paired_with_no_other_mode(time_constant, shipped, compiled):
+    """exp(-50) of it is left: an exact mode beside it would be another, a root of the delay."""
+    sensor = f"  s: {{lag: {{alpha: 1}}, time_constant: {time_constant}, full_scale: 2}}\n\n"
+    machine = compiled(shipped("pitch_loop", ("interface:", sensor + "interface:")))
+    assert [m.omega_ideal for m in modes(machine)] == pytest.approx([OMEGA_P])
+
+
+RESONANT = (
+    "  remember: {osc: 0}\n  program:\n"
+    '    osc: "2*RADIUS*cos(0.0101)*previous(osc) - RADIUS**2*previous(osc, 2) + 1e-4*alpha_sample"\n'
+)
+
+
+def test_largest_cycle_takes_rounding_for_no_growth(shipped, compiled):
+    text = shipped("pitch_loop", ("  program:\n", RESONANT.replace("RADIUS", "1")))
+    longest = largest_cycle_s(compiled(text), 0.02)
+    assert theory.exact_uncompensated(OMEGA_P, longest).zeta == pytest.approx(-0.02, rel=1e-10)
+
+
+def test_largest_cycle_where_the_program_grows_by_itself(shipped, compiled):
+    text = shipped("pitch_loop", ("  program:\n", RESONANT.replace("RADIUS", "1.01")))
+    with pytest.raises(RunError, match="a mode grows that is not meant"):
+        largest_cycle_s(compiled(text), 0.02)
+
+
 def test_largest_cycle_where_the_period_is_a_plain_number(shipped, compiled):
     text = shipped(
         "pitch_loop", ("  period: cycle\n  compute_time: compute_time\n", "  period: 1 ms\n")

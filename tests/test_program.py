@@ -157,7 +157,7 @@ def test_delays_of_one_word_by_several_counts(play):
         ("previous(k, gone)", "unknown 'gone'"),
         ("previous(k, 1/(gain - 2))", "'1/(gain - 2)' has no finite value"),
         ("previous(later, 2)", "give its first value in digital: remember: {later: 0}"),
-        ("limit(k, 2, 1/gain)*limit(1, 2, 1)", "'limit(1, 2, 1)' has no finite value"),
+        ("limit(k, 2, 1/gain)*limit(1, 2, 1)", "limit(..., 2, 0.5) has no value; it needs a low"),
         ("select(cycle, k, 1)", "'cycle' [s] must be a pure number"),
     ],
 )

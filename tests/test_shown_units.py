@@ -32,6 +32,7 @@ def test_words_are_shown_in_their_units_and_computed_in_si():
     assert units == {"pitch": "deg", "height": "ft", "fall": "ft/s", "plain": ""}
     assert made.readouts["pitch"] | {"note": ""} == {
         "value": pytest.approx(45.0, rel=1e-15), "time_s": 1.0, "units": "deg", "note": "",
+        "kind": "final", "signal": "pitch",
     }  # fmt: skip
     assert made.readouts["height"]["value"] == pytest.approx(990.0, rel=1e-14)
     assert record["plain"].values[-1] == math.pi / 4
