@@ -82,6 +82,13 @@ def largest_cycle_s(machine: Machine, max_damping_error: float) -> float | None:
     return _bisected(error, max_damping_error, low, low * STEP)
 
 
+def why_it_ends(machine: Machine, longest_s: float | None) -> tuple[str, ...]:
+    """That just above the largest T a mode grows that is not meant, if one does."""
+    if longest_s is None or not math.isinf(_damping_error(machine)(longest_s * (1.0 + 1e-6))):
+        return ()
+    return ("beyond this T a mode grows that is not meant, whatever error is allowed",)
+
+
 def what_follows(machine: Machine, asked: bool) -> tuple[str, ...]:
     """What a reader of the ideal, and where `asked` of the largest T, has to know of what does not
     follow T with the period."""

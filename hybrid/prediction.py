@@ -20,7 +20,12 @@ from hybrid.coupling import Mode
 from hybrid.errors import HybridError
 from hybrid.expressions import names, next_names, previous_names
 from hybrid.graph import simple_loops
-from hybrid.largest_cycle import damping_error_of, largest_cycle_s, what_follows
+from hybrid.largest_cycle import (
+    damping_error_of,
+    largest_cycle_s,
+    what_follows,
+    why_it_ends,
+)
 from hybrid.linearity import LinearProgram, linear_program
 from hybrid.machine import Analog, Machine
 from hybrid.patch import Patch
@@ -122,7 +127,8 @@ def predict_machine(machine: Machine, max_damping_error: float | None = None) ->
     if max_damping_error is None:
         return found
     longest = largest_cycle_s(machine, max_damping_error)
-    return replace(found, max_cycle_s=longest, max_damping_error=max_damping_error)
+    notes = (*why_it_ends(machine, longest), *found.notes)
+    return replace(found, max_cycle_s=longest, max_damping_error=max_damping_error, notes=notes)
 
 
 def predict_each(machines: Sequence[Machine]) -> list[Prediction | HybridError]:

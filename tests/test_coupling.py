@@ -687,6 +687,17 @@ def test_a_prediction_tells_what_does_not_follow_the_period(old, new, told, ship
     assert len(predict(patch).notes) == of_expression
 
 
+def test_a_largest_cycle_that_another_mode_ends_says_so(shipped):
+    patch = parse_patch(shipped("pitch_loop"))
+    assert predict(patch, max_damping_error=0.1).notes == ()
+    found = predict(patch, max_damping_error=5.0)
+    assert any("a mode grows that is not meant" in note for note in found.notes)
+    grows = predict(
+        patch, {"cycle": found.max_cycle_s * 1.001, "compute_time": found.max_cycle_s * 1.001}
+    )
+    assert any(math.isnan(m.omega_ideal) and m.zeta < 0 for m in grows.modes)
+
+
 def test_largest_cycle_says_why_there_is_none(shipped, compiled):
     with pytest.raises(RunError, match="no digital machine"):
         largest_cycle_s(compiled(shipped("pitch_loop_analog")), 0.01)
