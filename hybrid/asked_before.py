@@ -18,12 +18,9 @@ from hybrid.expressions import (
     Call,
     ExpressionError,
     Node,
-    asks_table,
     children,
     evaluate,
-    names,
-    next_names,
-    previous_names,
+    is_known,
     sub_expressions,
 )
 from hybrid.machine import Machine
@@ -71,10 +68,10 @@ def _asked(tree: Node, scope: Mapping[str, float]) -> Iterator[str]:
     inner: Sequence[Node] = children(tree)
     if isinstance(tree, Call):
         helper = FUNCTIONS[tree.function].helper if tree.function in FUNCTIONS else None
-        if tree.function == "select" and _is_known(tree.args[0], scope):
+        if tree.function == "select" and is_known(tree.args[0], scope):
             taken = tree.args[1 if _value(tree.args[0], scope) else 2]
             inner = (tree.args[0], taken)
-        if helper and helper.valid and _is_known(tree.args[0], scope):
+        if helper and helper.valid and is_known(tree.args[0], scope):
             value, (low, high) = _value(tree.args[0], scope), helper.valid
             if value is not None and not low <= value <= high:
                 name, dimension = helper.takes[0]
@@ -89,12 +86,6 @@ def _value(tree: Node, scope: Mapping[str, float]) -> float | None:
         return evaluate(tree, scope)
     except ExpressionError:  # in a branch that is not taken
         return None
-
-
-def _is_known(tree: Node, scope: Mapping[str, float]) -> bool:
-    """Whether it has a value before the run."""
-    timeless = not (previous_names(tree) or next_names(tree) or asks_table(tree))
-    return timeless and names(tree) <= scope.keys()
 
 
 # The runs of a sweep or batch share a patch, and most patches call no such function.

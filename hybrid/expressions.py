@@ -11,7 +11,7 @@ from __future__ import annotations
 import keyword
 import math
 import operator
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Collection, Iterator, Mapping
 from dataclasses import dataclass
 from typing import Literal, TypeAlias, TypeVar
 
@@ -351,6 +351,12 @@ def look_up(name: Name, scope: Mapping[str, _Value]) -> _Value:
     except KeyError:
         advice = did_you_mean(name.id, scope)
         raise ExpressionError(f"unknown name {name.id!r}; {advice}") from None
+
+
+def is_known(tree: Node, parameters: Collection[str]) -> bool:
+    """Whether an expression has a value before the run: it reads parameters alone, and no table."""
+    timeless = not (previous_names(tree) or next_names(tree) or asks_table(tree))
+    return timeless and all(name in parameters for name in names(tree))
 
 
 def to_text(tree: Node) -> str:

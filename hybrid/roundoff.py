@@ -16,11 +16,8 @@ from hybrid.expressions import (
     LookUp,
     Node,
     Unary,
-    asks_table,
     evaluate,
-    names,
-    next_names,
-    previous_names,
+    is_known,
 )
 from hybrid.machine import Machine
 from hybrid.patch import Assignment, Program, WordSettings
@@ -73,7 +70,7 @@ def _held(
     for expr in entry.reads:
         for value in _constants(expr, scope):
             yield value, length.constant(value), entry.place, "a constant"
-        is_whole = isinstance(entry, Assignment) and _is_known(expr, scope)
+        is_whole = isinstance(entry, Assignment) and is_known(expr, scope)
         if is_whole and length.kind is Kind.FIXED:
             value = evaluate(expr, scope)
             yield value, _stored(length, value), entry.place, "the value"
@@ -93,7 +90,7 @@ def _stored(length: WordLength, value: float) -> float:
 
 def _constants(node: Node, scope: Mapping[str, float]) -> Iterator[float]:
     """What is known of an expression before the run: its largest parts of parameters alone."""
-    if _is_known(node, scope):
+    if is_known(node, scope):
         try:
             yield evaluate(node, scope)
         except ExpressionError:  # in a branch that is not taken
@@ -114,9 +111,3 @@ def _constants(node: Node, scope: Mapping[str, float]) -> Iterator[float]:
                 yield from _constants(argument, scope)
         case _:
             return
-
-
-def _is_known(node: Node, scope: Mapping[str, float]) -> bool:
-    """Whether an expression has a value before the run."""
-    timeless = not (previous_names(node) or next_names(node) or asks_table(node))
-    return timeless and names(node) <= scope.keys()

@@ -281,9 +281,10 @@ def _play(player: Player, progress: Progress | None, keep_every: int) -> tuple[s
             if progress:
                 progress(done)
     except KeyboardInterrupt:
-        last_s = to_seconds((len(player.record) - 1) * player.machine.timing.every * keep_every)
-        ends = "there" if last_s == player.done_s else f"with its row at {last_s:.6g} s"
-        note = f"interrupted at {player.done_s:.6g} s; the record ends {ends}"
+        last = (len(player.record) - 1) * player.machine.timing.every * keep_every
+        ends = "there" if last == player.done_ticks else f"with its row at {to_seconds(last):.6g} s"
+        found = f"the record ends {ends}" if last >= 0 else "before the first row of the record"
+        note = f"interrupted at {player.done_s:.6g} s; {found}"
         return "interrupted", "; ".join((note, *player.remarks()))
     return ending(player)
 

@@ -23,11 +23,9 @@ from hybrid.expressions import (
     Name,
     Node,
     Unary,
-    asks_table,
     evaluate,
+    is_known,
     names,
-    next_names,
-    previous_names,
     shown,
     to_text,
 )
@@ -265,8 +263,7 @@ class _Builder:
 
     def is_known(self, node: Node) -> bool:
         """Whether the node has a value before the run."""
-        timeless = not (previous_names(node) or next_names(node) or asks_table(node))
-        return timeless and names(node) <= self.scope.keys()
+        return is_known(node, self.scope)
 
     def call(self, op: Op, arguments: tuple[Node, ...]) -> int:
         held = [self.compute(argument) for argument in arguments]

@@ -104,12 +104,18 @@ def build_timeline(machine: Machine, seed: int = 0) -> Timeline:
     """
     if never_repeats(machine):
         return _piecemeal(machine, seed)
-    try:
+    if not (machine.timing.tasks or machine.timing.period):
         return _kept.of([_clocks(machine)], lambda _: [_laid_out(machine)])[0]
+    at_once = _kept.of([_clocks(machine)], lambda _: [_if_not_too_much(machine)])[0]
+    return at_once if at_once.segments else _piecemeal(machine, seed)
+
+
+def _if_not_too_much(machine: Machine) -> Timeline:
+    """The timeline, or one of no segments: that it is too much is worth keeping as well."""
+    try:
+        return _laid_out(machine)
     except _TooMuch:
-        if not (machine.timing.tasks or machine.timing.period):
-            raise
-        return _piecemeal(machine, seed)
+        return Timeline((), machine.timing.until, 0, 0)
 
 
 def _piecemeal(machine: Machine, seed: int) -> Timeline:

@@ -13,12 +13,9 @@ from hybrid.expressions import (
     NEEDS,
     Call,
     Node,
-    asks_table,
     children,
     evaluate,
-    names,
-    next_names,
-    previous_names,
+    is_known,
 )
 from hybrid.patch import Program
 
@@ -31,7 +28,7 @@ def refuse_valueless(program: Program | None, scope: Mapping[str, float]) -> Non
     for entry in program.written if program else ():
         for call in (call for tree in entry.reads for call in _calls(tree)):
             later = call.args[1:]
-            if not all(_is_known(node, scope) for node in later):
+            if not all(is_known(node, scope) for node in later):
                 continue
             given = [evaluate(node, scope) for node in later]
             has_value, needs = NEEDS[call.function]
@@ -60,9 +57,3 @@ def _calls(tree: Node) -> Iterator[Call]:
         inner = inner[:1]
     for child in inner:
         yield from _calls(child)
-
-
-def _is_known(tree: Node, scope: Mapping[str, float]) -> bool:
-    """Whether it has a value before the run."""
-    timeless = not (previous_names(tree) or next_names(tree) or asks_table(tree))
-    return timeless and names(tree) <= scope.keys()

@@ -4,12 +4,15 @@ from __future__ import annotations
 
 import json
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
 import hybrid
 from hybrid.linearity import NotLinear
+from hybrid.runs import _play
+from hybrid.scale import to_ticks
 
 LOOP = """
 title: Loop
@@ -257,3 +260,27 @@ def test_no_minus_zero_in_a_record() -> None:
     text += "digital: {period: 1 s, program: {w: -s}}\nrun: {until: 2 s}\n"
     record = hybrid.run(hybrid.parse_patch(text), machine="ideal").record
     assert not np.signbit(record["w"].values).any()
+
+
+def test_an_interrupted_run_names_the_row_at_which_its_record_ends():
+    """Between rows, at one, and before the first."""
+    machine = SimpleNamespace(timing=SimpleNamespace(every=to_ticks(0.1)))
+
+    def told(rows: int, done_s: float) -> str:
+        def play():
+            raise KeyboardInterrupt
+            yield
+
+        player = SimpleNamespace(
+            machine=machine,
+            record=np.zeros((rows, 1)),
+            done_s=done_s,
+            done_ticks=to_ticks(done_s),
+            play=play,
+            remarks=tuple,
+        )
+        return _play(player, None, 2)[1]
+
+    assert told(4, 0.73) == "interrupted at 0.73 s; the record ends with its row at 0.6 s"
+    assert told(4, 0.6) == "interrupted at 0.6 s; the record ends there"
+    assert told(0, 0.0) == "interrupted at 0 s; before the first row of the record"

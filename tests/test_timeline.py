@@ -10,6 +10,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 import hybrid
+import hybrid.timeline as timeline_module
 from hybrid.compiler import compile_patch
 from hybrid.cycle_map import _loop, cycle_maps
 from hybrid.errors import PatchError
@@ -273,6 +274,21 @@ def test_a_program_whose_rows_seldom_meet_it_is_laid_out_in_stretches(machine, m
     assert sum(kind == Happening.REST for _, kind, _ in events) > 10  # one a stretch
     found = [event for event in events if event[1] != Happening.REST]
     assert found == brute_force(timing, adcs, 1, [1234, 222_222])
+
+
+def test_that_clocks_seldom_meet_is_found_out_once(shipped, monkeypatch):
+    """A check, the run and what it tells ask again and again; laying out in vain takes long."""
+    laid_out, tried = timeline_module._laid_out, []
+    monkeypatch.setattr(timeline_module, "MOST_INTERVALS", 200)
+    monkeypatch.setattr(timeline_module, "_kept", KeptBySize(10**6, lambda timeline: 1))
+    monkeypatch.setattr(timeline_module, "_laid_out", lambda m: (tried.append(m), laid_out(m))[1])
+    patch = parse_patch(shipped("pitch_loop", ("until: 10 s", "until: 1 s, every: 0.9997 ms")))
+    machine = compile_patch(patch)
+    assert timeline_module.seldom_text(machine).startswith(
+        "the period 0.001 s and the record interval"
+    )
+    assert hybrid.run(machine).cycles == 1000
+    assert len(tried) == 1
 
 
 @pytest.mark.parametrize("name", ["ideal", "nominal"])
