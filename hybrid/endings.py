@@ -11,7 +11,8 @@ import numpy as np
 
 from hybrid.asked_before import asked_before_text
 from hybrid.engine import kernel
-from hybrid.engine.linear import DAC_SUFFIX, Player
+from hybrid.engine.beyond import DAC_SUFFIX
+from hybrid.engine.linear import Player
 from hybrid.engine.ranges import outside
 from hybrid.errors import known_as
 from hybrid.indicators import overloads_of

@@ -10,6 +10,7 @@ from typing import Any
 
 from hybrid.circuits import is_linear
 from hybrid.coupling import not_linear
+from hybrid.engine.exact import ExactPlayer
 from hybrid.engine.linear import Player
 from hybrid.errors import PatchError, RunError, did_you_mean, shown
 from hybrid.machine import Machine
@@ -80,7 +81,7 @@ def player_of(machine: Machine, engine: str = "auto") -> type[Player]:
     """The player of an engine; those of circuits take long to load."""
     name = engine_of(machine, engine)
     if name == "exact":
-        return Player
+        return ExactPlayer
     if name == "nonlinear":
         from hybrid.engine.windows import CircuitPlayer
 

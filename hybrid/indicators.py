@@ -7,7 +7,8 @@ from __future__ import annotations
 
 from dataclasses import replace
 
-from hybrid.engine.linear import DAC_SUFFIX, Overload, Player
+from hybrid.engine.beyond import DAC_SUFFIX, Overload
+from hybrid.engine.linear import Player
 
 
 def overloads_of(player: Player) -> tuple[Overload, ...]:

@@ -20,7 +20,8 @@ from hybrid.arguments import Parameters, Source, machine_of, whole_number
 from hybrid.beginnings import first_results, initial_words
 from hybrid.coupling import modes
 from hybrid.endings import ending
-from hybrid.engine.linear import DAC_SUFFIX, Overload, Player
+from hybrid.engine.beyond import DAC_SUFFIX, Overload
+from hybrid.engine.linear import Player
 from hybrid.engine.ranges import outside
 from hybrid.engines import check_engine, engine_of, player_of, wants_circuit
 from hybrid.errors import PatchError, counted, known_as

@@ -18,7 +18,8 @@ import numpy as np
 
 from hybrid.endings import ending
 from hybrid.engine import kernel
-from hybrid.engine.linear import DAC_SUFFIX, Player
+from hybrid.engine.beyond import DAC_SUFFIX
+from hybrid.engine.linear import Player
 from hybrid.engines import player_of
 from hybrid.machine import AT_SATURATION, Floats, Machine, Pen
 from hybrid.record import full_scales

@@ -16,7 +16,7 @@ import numpy as np
 import pytest
 
 from hybrid.compiler import compile_patch
-from hybrid.engine.linear import Player
+from hybrid.engine.exact import ExactPlayer as Player
 from hybrid.machine import Machine
 from hybrid.patchfile import parse_patch, read_patch
 from hybrid.record import pens_for

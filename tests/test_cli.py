@@ -553,7 +553,7 @@ runpy.run_module("hybrid", run_name="__main__", alter_sys=True)
 TELLING_OF_RESULTS = """
 import os, sys
 from hybrid import __main__, points
-from hybrid.engine.linear import Player
+from hybrid.engine.exact import ExactPlayer as Player
 
 def telling(play, results):
     def told(*given):

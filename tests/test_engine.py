@@ -537,11 +537,15 @@ def test_overloads_of_a_growing_loop(shipped, play):
         values = played[name] / PITCH_SCALES[name]
         beyond = np.flatnonzero(np.abs(values) > 1.0)
         assert 30.0 < played.time_s[beyond[0]] < 31.5
-        assert found[name].time_s == played.time_s[beyond[0]]
+        first, worst = beyond[0], np.argmax(np.abs(values))
         assert found[name].instants == len(beyond)
-        worst = np.argmax(np.abs(values))
-        assert found[name].worst_time_s == played.time_s[worst]
-        assert found[name].worst_mu == pytest.approx(values[worst], rel=1e-12)
+        if name == "alpha_sample":  # a converter looks at instants alone
+            assert found[name].time_s == played.time_s[first]
+            assert found[name].worst_mu == pytest.approx(values[worst], rel=1e-12)
+        else:  # the cycles are 0.01 of a radian of the swing long: at a top, 1/2 (0.01 / 2)^2 is unseen
+            assert played.time_s[first - 1] < found[name].time_s <= played.time_s[first]
+            assert 0.0 <= abs(found[name].worst_mu) / abs(values[worst]) - 1.0 < 1.3e-5
+            assert abs(found[name].worst_time_s - played.time_s[worst]) <= 1e-3
     times = [overload.time_s for overload in played.player.overloads()]
     assert times == sorted(times)
 

@@ -13,7 +13,7 @@ from copies import apart, in_copies
 from scipy.linalg import expm
 
 from hybrid.compiler import compile_patch
-from hybrid.engine.linear import Player
+from hybrid.engine.exact import ExactPlayer as Player
 from hybrid.engine.windows import CircuitPlayer
 from hybrid.patchfile import parse_patch
 from hybrid.record import pens_for

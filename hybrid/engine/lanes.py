@@ -433,3 +433,18 @@ def change(typing: Any, out: Any, row: Any, kept: Any, by: Any) -> Any:
         return _all_between(builder, value, figure(-1.0), figure(1.0))
 
     return types.boolean(out, types.intp, kept, by), codegen
+
+
+@intrinsic
+def larger(typing: Any, out: Any, row: Any, source: Any, source_row: Any) -> Any:
+    """out[row] = the larger of itself and |source[source_row]|, lane by lane."""
+
+    def generate(context: Any, builder: Any, kinds: Any, given: Any) -> None:
+        target = _pointer(context, builder, kinds[0], *given[:2])
+        value = _load(builder, _pointer(context, builder, kinds[2], *given[2:4]))
+        below = builder.fcmp_ordered("<", value, ir.Constant(_ROW, [0.0] * LANES))
+        size, most = builder.select(below, builder.fneg(value), value), _load(builder, target)
+        more = builder.fcmp_ordered(">", size, most)
+        _store(builder, builder.select(more, size, most), target)
+
+    return _rows(types.void(out, types.intp, source, types.intp), generate)

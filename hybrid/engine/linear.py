@@ -1,4 +1,4 @@
-"""The exact engine: plays a machine's timeline in chunks, from the arrays that `preparation` makes.
+"""Plays a machine's timeline in chunks, from the arrays that `preparation` makes.
 
 Stage 4. A `Player` owns the state of one run. Playing instant by instant, in chunks of any size or in
 one go gives the same bits: normal draws come from one stream, in the order of the events.
@@ -8,12 +8,13 @@ from __future__ import annotations
 
 import functools
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 
 from hybrid.engine import helper_functions, kernel
 from hybrid.engine.arrays import CUE, Deck, Plant, Score, State
+from hybrid.engine.beyond import DAC_SUFFIX, Overload
 from hybrid.engine.bursts import MULTIPLY_ADD
 from hybrid.engine.limited import play_limited
 from hybrid.engine.lost import Lost, farthest
@@ -40,8 +41,6 @@ CHUNK_CUES = 1_000_000
 CHUNK_DRAWS = 1 << 17
 NO_DRAWS = np.zeros(0)
 NO_COUNTS = np.zeros(1, dtype=np.int64)
-# Tells the overload of a DAC's input from that of the analog signal it drives.
-DAC_SUFFIX = " (DAC)"
 
 
 def player_of(deck: Deck) -> Callable[..., int]:
@@ -50,19 +49,6 @@ def player_of(deck: Deck) -> Callable[..., int]:
         return play_limited  # type: ignore[no-any-return]
     more = np.any(deck.bursts[:, 0] != MULTIPLY_ADD)
     return play_programs if more else kernel.play  # type: ignore[no-any-return]
-
-
-@dataclass(frozen=True, slots=True)
-class Overload:
-    """One signal beyond its range: first and worst instant and value, in machine units."""
-
-    signal: str
-    time_s: float
-    value_mu: float
-    worst_mu: float
-    worst_time_s: float
-    instants: int
-    duration_s: float | None = None  # where the engine looks between instants, too
 
 
 class Player:

@@ -6,26 +6,25 @@ Stage 4. Everything is read from the signal's polynomial, so that it is as exact
 from __future__ import annotations
 
 from hybrid.engine.arrays import Floats
-from hybrid.engine.compiling import compiled, inlined
-from hybrid.engine.lanes import between
-from hybrid.engine.nodes import RESOLUTION, Nodes, slope_at
-from hybrid.engine.sweep import (
+from hybrid.engine.beyond import (
     BEYOND_S,
     FIRST_S,
     FIRST_VALUE,
+    FULL_SCALE,
+    HALVINGS,
     TIMES,
     WORST_S,
     WORST_VALUE,
-    State,
 )
+from hybrid.engine.compiling import compiled, inlined
+from hybrid.engine.lanes import between
+from hybrid.engine.nodes import RESOLUTION, Nodes, slope_at
+from hybrid.engine.sweep import State
 
-# A lag that settles at full scale may stand above it by rounding.
-FULL_SCALE = 1.0 + 1e-12  # at the points; between them windows are resolved to RESOLUTION
 # A resolved signal that is nowhere beyond this at the points stays below full scale between them: for a
 # sine to rise by 3 % from a point to its peak, the window would be 2.5 rad long, of which 8 nodes leave
 # 3e-6 and more.
 NEAR = 0.97
-HALVINGS = 60
 
 
 @inlined

@@ -12,7 +12,8 @@ import numpy as np
 
 from hybrid.engine import kernel
 from hybrid.engine.arrays import Floats, Score, State
-from hybrid.engine.linear import Overload, Player
+from hybrid.engine.beyond import Overload
+from hybrid.engine.linear import Player
 from hybrid.engine.lost import Lost, runaway, steepest
 from hybrid.engine.reference import Method, NotResolved, Reference, RunsAway
 from hybrid.engine.remarks import refuse_undefined

@@ -20,6 +20,14 @@ from typing import NamedTuple
 import numpy as np
 
 from hybrid.engine.arrays import Floats, Ints
+from hybrid.engine.beyond import (
+    FIRST_S,
+    FIRST_VALUE,
+    FULL_SCALE,
+    TIMES,
+    WORST_S,
+    WORST_VALUE,
+)
 from hybrid.engine.circuit import FIRST_PIECE, HIGH, LOW, Circuit
 from hybrid.engine.compiling import compiled, inlined
 from hybrid.engine.corners import Log, change_piece, first_exit, leaves, locate, settle
@@ -29,15 +37,13 @@ from hybrid.engine.lanes import dot
 from hybrid.engine.lengths import adapt, begin_short, next_length, reject
 from hybrid.engine.nodes import Nodes, Shelf, point_weights, slope_at
 from hybrid.engine.noise import ROUNDING, Noise, bring_up, finest, jump, play_truth, show
-from hybrid.engine.overloads import FULL_SCALE, watch
+from hybrid.engine.overloads import watch
 from hybrid.engine.sweep import (
     AFTER_EVENT,
     AFTER_INPUT,
     CALLED,
     ENDED_BY,
     EVENTS,
-    FIRST_S,
-    FIRST_VALUE,
     FROZEN,
     INTO_S,
     KNOWN,
@@ -49,10 +55,7 @@ from hybrid.engine.sweep import (
     ROWS,
     STARTED,
     SWEPT,
-    TIMES,
     WINDOWS,
-    WORST_S,
-    WORST_VALUE,
     State,
     solve,
     solve_again,

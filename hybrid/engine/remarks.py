@@ -11,6 +11,7 @@ import numpy as np
 
 from hybrid.elements import QUOTIENT
 from hybrid.engine.arrays import Floats
+from hybrid.engine.beyond import TIMES
 from hybrid.engine.circuit import (
     END,
     FIRST,
@@ -23,7 +24,7 @@ from hybrid.engine.circuit import (
     OWNER,
     Circuit,
 )
-from hybrid.engine.sweep import ENDED_BY, FROM_S, MOST, SHRUNK, TIMES, TURNED_S, TURNS, State
+from hybrid.engine.sweep import ENDED_BY, FROM_S, MOST, SHRUNK, TURNED_S, TURNS, State
 from hybrid.engine.switching import drives_itself
 from hybrid.errors import PatchError
 from hybrid.machine import Machine

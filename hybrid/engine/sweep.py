@@ -110,9 +110,6 @@ class State(NamedTuple):
 # what it integrates, the output before the lag, which is also what a store keeps. The mode of an
 # integrator does not change within a window.
 X, X_END, DRIVE, DRIVE_END, BEFORE, BEFORE_END, AS = range(7)
-# Columns of State.overload, of a signal beyond full scale: when first and its value then, the worst
-# value and when, how long altogether, in how many windows.
-FIRST_S, FIRST_VALUE, WORST_VALUE, WORST_S, BEYOND_S, TIMES = range(6)
 # Columns of State.changes, of changes of piece: when the last one was; how many have followed each other
 # within a few lags, since when; of those that were too many: from when on, how many at most. Of changes
 # upward, and TURNS columns further of those downward: when the last one was, the interval before it, its

@@ -16,6 +16,7 @@ import numpy as np
 from hybrid.elements import INPUT
 from hybrid.engine import kernel
 from hybrid.engine.arrays import Floats, Plant, Score, State
+from hybrid.engine.beyond import TIMES, Overload
 from hybrid.engine.calls import Calls
 from hybrid.engine.circuit import SOURCE, Builder
 from hybrid.engine.corners import new_log
@@ -27,7 +28,7 @@ from hybrid.engine.interplay import (
     play_limited_circuit,
     settle_loops,
 )
-from hybrid.engine.linear import Overload, Player
+from hybrid.engine.linear import Player
 from hybrid.engine.lost import Lost, runaway, tails, unresolved
 from hybrid.engine.nodes import RESOLUTION, Shelf, new_shelf, nodes
 from hybrid.engine.noise import SHARE_OF_NOISE, Noise, new_noise
@@ -42,7 +43,6 @@ from hybrid.engine.sweep import (
     ON_OVERLOAD,
     OVERLOAD_S,
     SUM_OF_ERRORS,
-    TIMES,
     new_state,
 )
 from hybrid.machine import Machine
