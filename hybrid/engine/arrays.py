@@ -135,10 +135,6 @@ class State(NamedTuple):
     overload: Ints  # (signals + adcs + dacs + words, 6): see the constants of `kernel`
     beyond: Floats  # (signals + adcs + dacs + words, 2): first and worst value
     most: Floats  # (2, 8 * blocks): of |v| where intervals begin, of |next_v|
-    log: (
-        Floats  # (advances, n + m): states and inputs where intervals begin; (0, n + m): not wanted
-    )
-    logged: Ints  # (advances, 4): of which interval, and repeat, instant and cue of its end
     outside: Floats  # (PER_SITE rows for each site of the tape + 1, 6): see `helper_functions`
     places: Floats  # (searches + 4, 4): where arguments of tables lie, see `lookup`
     intervals: Ints  # (searches, 2)

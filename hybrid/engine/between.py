@@ -23,6 +23,7 @@ from hybrid.engine.beyond import (
     WORST_VALUE,
 )
 from hybrid.engine.compiling import compiled
+from hybrid.engine.kernel import Moment
 from hybrid.machine import Analog
 
 # Terms of a signal's Taylor series over the first rung: (1/8)^13/13! is far below rounding.
@@ -64,38 +65,29 @@ def desk_for(analog: Analog) -> Desk:
 
 @compiled
 def look(
-    rungs: Rungs, desk: Desk, log: Floats, logged: Ints, seen: Floats, rows: Ints, stops: bool
-) -> int:
-    """Note in `seen` (k, 6) what went beyond full scale in the intervals that were logged.
+    rungs: Rungs, desk: Desk, z: Floats, interval: int, now: Moment, seen: Floats, at: Ints
+) -> bool:
+    """Note in `seen` (k, 6) what goes beyond full scale in an interval; whether anything does.
 
-    log: states and inputs where each interval began; rows: (k, 2), becomes the row of the log in which a
-    signal was first beyond, and was worst: times in `seen` that are new are since that row began. stops:
-    look no further than the first interval in which a signal went beyond. Returns how many intervals
-    were looked at.
+    z: states and inputs where it begins; now: where it ends. at: (k, 4): repeat and instant where the
+    interval ends in which a signal was first beyond, and was worst; times in `seen` are since it began.
     """
-    for row in range(log.shape[0]):
-        interval, found = logged[row, 0], False
-        _set_out(rungs, desk, log[row], rungs.whole[interval])
-        for s in range(seen.shape[0]):
-            near = _distance(rungs.bound[interval, s], desk.rho)
-            begins, ends = _signal(rungs, desk.z, s), _later(rungs, desk, s)
-            if max(abs(begins), abs(ends)) + near > FULL_SCALE:
-                times, worst, length_s = (
-                    seen[s, TIMES],
-                    seen[s, WORST_VALUE],
-                    rungs.length_s[interval],
-                )
-                if not _all_beyond(begins, ends, near, 0.0, length_s, seen[s]):
-                    _follow(rungs, desk, s, length_s, seen[s])
-                    _set_out(rungs, desk, log[row], rungs.whole[interval])
-                found |= seen[s, TIMES] > times
-                if times == 0.0 and seen[s, TIMES] > 0.0:
-                    rows[s, 0] = row
-                if seen[s, WORST_VALUE] != worst:
-                    rows[s, 1] = row
-        if found and stops:
-            return row + 1
-    return int(log.shape[0])
+    found = False
+    _set_out(rungs, desk, z, rungs.whole[interval])
+    for s in range(seen.shape[0]):
+        near = _distance(rungs.bound[interval, s], desk.rho)
+        begins, ends = _signal(rungs, desk.z, s), _later(rungs, desk, s)
+        if max(abs(begins), abs(ends)) + near > FULL_SCALE:
+            times, worst, length_s = seen[s, TIMES], seen[s, WORST_VALUE], rungs.length_s[interval]
+            if not _all_beyond(begins, ends, near, 0.0, length_s, seen[s]):
+                _follow(rungs, desk, s, length_s, seen[s])
+                _set_out(rungs, desk, z, rungs.whole[interval])
+            found |= seen[s, TIMES] > times
+            if times == 0.0 and seen[s, TIMES] > 0.0:
+                at[s, 0], at[s, 1] = now.repeat, now.instant
+            if seen[s, WORST_VALUE] != worst:
+                at[s, 2], at[s, 3] = now.repeat, now.instant
+    return found
 
 
 @compiled

@@ -11,11 +11,12 @@ import functools
 import numpy as np
 
 from hybrid.engine import kernel
-from hybrid.engine.arrays import Floats, Ints, Score, State
+from hybrid.engine.arrays import Floats, Score, State
 from hybrid.engine.beyond import TIMES, Overload, with_notes
+from hybrid.engine.limited import play_limited
 from hybrid.engine.linear import Player
-from hybrid.engine.lookout import LOGGED_AT_ONCE, Lookout
-from hybrid.modes import CONTINUE
+from hybrid.engine.lookout import Lookout
+from hybrid.engine.programs import play_programs
 from hybrid.scale import to_seconds
 
 
@@ -48,39 +49,36 @@ class ExactPlayer(Player):
                 return outcome
             _put_back(state, before)
         state.most[:] = 0.0
-        self.state = self.lookout.with_log(state)
-        outcome = self._play_looking(score, normals, (stop_repeat, stop_cue))
-        self.state = state
+        outcome = self._look_to(score, normals, stop_repeat, stop_cue)
         self.near_full_scale = not self.lookout.is_clear(self.plant, state)
         return outcome
 
-    def _play_looking(self, score: Score, normals: Floats, stop: tuple[int, int]) -> int:
-        """Play a little at a time, each of which is looked at."""
-        state, outcome = self.state, kernel.PAUSED
-        stops = self.machine.on_overload != CONTINUE
-        while outcome == kernel.PAUSED and self._next_cue < stop:
-            before = _copied(state) if stops else []
-            state.counts[kernel.LOGGED] = 0
-            here = min(self._position(LOGGED_AT_ONCE), stop)
-            outcome = super()._play_to(score, normals, *here)
-            found = self.lookout.look(state, self._began_s, stops)
-            if found is not None:
-                _, repeat, _, cue = found.tolist()
-                _put_back(state, before)
-                super()._play_to(score, normals, repeat, cue)
-                return kernel.OVERLOADED
+    def _look_to(self, score: Score, normals: Floats, stop_repeat: int, stop_cue: int) -> int:
+        """Play on, with a look at every interval."""
+        from hybrid.engine import looking
+
+        play = {
+            kernel.play: looking.play,
+            play_programs: looking.play_programs,
+            play_limited: looking.play_limited,
+        }[self._compiled]
+        outcome: int = play(
+            score,
+            self.plant,
+            self.coupling,
+            self.deck,
+            self.pens,
+            self.state,
+            normals,
+            self.rows,
+            self.keep_every,
+            stop_repeat,
+            stop_cue,
+            *self.lookout.begin(),
+        )
+        # An interval ends at an instant, and begins at the one before.
+        self.lookout.end(lambda repeat, instant: self._instant_s(repeat, instant - 1))
         return outcome
-
-    @property
-    def _next_cue(self) -> tuple[int, int]:
-        """Repeat and cue that come next in the present segment."""
-        counts = self.state.counts
-        return int(counts[kernel.REPEAT]), int(counts[kernel.CUE])
-
-    def _began_s(self, logged: Ints) -> float:
-        """When an interval that is logged began: its end is an instant, and it at the one before."""
-        _, repeat, instant, _ = logged.tolist()
-        return self._instant_s(repeat, instant - 1)
 
 
 def _copied(state: State) -> list[np.ndarray]:

@@ -34,8 +34,8 @@ ADVANCE, SAMPLE, CONVERT, TAKE, START, END, LATCH, SOURCE, LOOK, RECORD = range(
 
 # Indices into State.counts: rows to skip, rows written, draws used, place in the
 # segment; whether an overload ends the run: NEVER, the next one, or one that is there already; whether
-# the caller has computed the cycle that is to begin; rows of the log written.
-SKIP, ROWS, DRAWS, REPEAT, CUE, STOPS, COMPUTED, LOGGED = range(8)
+# the caller has computed the cycle that is to begin.
+SKIP, ROWS, DRAWS, REPEAT, CUE, STOPS, COMPUTED = range(7)
 NEVER, NEXT, AT_ONCE = range(3)
 # Indices into a row of State.overload: how many instants beyond range, the first (repeat, instant), the
 # worst, and a number for the last instant noted, so that x- and x+ count as one.
@@ -120,21 +120,8 @@ def _unless_overloaded(state: State) -> int:
     return PAUSED
 
 
-@compiled
-def _log(state: State, first: int, interval: int, now: Moment, cue: int) -> None:
-    """Note where an interval begins, for those who want to know how the signals went within it."""
-    row = state.counts[LOGGED]
-    for j in range(state.log.shape[1]):
-        state.log[row, j] = state.v[first + j]
-    logged = state.logged[row]
-    logged[0], logged[1], logged[2], logged[3] = interval, now.repeat, now.instant, cue
-    state.counts[LOGGED] = row + 1
-
-
 @inlined
-def _advance(
-    plant: Plant, state: State, normals: Floats, interval: int, now: Moment, cue: int
-) -> int:
+def advance(plant: Plant, state: State, normals: Floats, interval: int, now: Moment) -> int:
     """Bring the analog side to the next instant."""
     v, next_v, counts, change = state.v, state.next_v, state.counts, plant.change
     blocks, columns = change.shape[1], change.shape[2]
@@ -147,8 +134,6 @@ def _advance(
         for j in range(draws):
             v[draws_at + j] = normals[drawn + j]
         counts[DRAWS] = drawn + draws
-        if state.log.shape[0] > 0:
-            _log(state, v.shape[0] - columns, np.int64(interval), now, cue)
         first = np.int64(interval) * blocks * columns
         for block in range(blocks):
             at = first + block * columns
@@ -164,7 +149,7 @@ def _advance(
 
 
 @inlined
-def _look(plant: Plant, state: State, now: Moment) -> int:
+def look(plant: Plant, state: State, now: Moment) -> int:
     """Note what sums have jumped beyond their range."""
     end = state.v.shape[0] - plant.change.shape[2]
     beyond, outcome = False, PAUSED
@@ -314,7 +299,7 @@ def play(
             what, i = cue.what, np.uint64(cue.which)
             now = Moment(repeat, cue.instant, last)
             if what == ADVANCE:
-                outcome = WAITING if circuit else _advance(plant, state, normals, i, now, at)
+                outcome = WAITING if circuit else advance(plant, state, normals, i, now)
             elif what == SAMPLE:
                 state.sample[i] = state.v[adcs[i].place]
             elif what == TAKE:
@@ -334,7 +319,7 @@ def play(
                 _hold(plant, state, sources[i].input, sources[i].value_mu)
             elif what == LOOK:
                 if not circuit:
-                    outcome = _look(plant, state, now)
+                    outcome = look(plant, state, now)
                 elif at + 1 == end or cues[np.uint64(at + 1)].what != ADVANCE:
                     outcome = WAITING  # else the circuit follows the jump as it is advanced
             else:

@@ -13,18 +13,15 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from hybrid.engine.arrays import Ints, Plant, State
-from hybrid.engine.beyond import FIRST_S, FULL_SCALE, TIMES, WORST_S
-from hybrid.engine.kernel import LOGGED
+from hybrid.engine.arrays import Floats, Ints, Plant, State
+from hybrid.engine.beyond import FIRST_S, FULL_SCALE, WORST_S
 from hybrid.engine.ladder import MOST_RUNGS, chord_bounds, ladder_of, rungs_for, shortest_s
 from hybrid.engine.propagator import Propagator, propagators
 from hybrid.machine import Analog
 
 if TYPE_CHECKING:
-    from hybrid.engine.between import Rungs  # compiled where it is needed
+    from hybrid.engine.between import Desk, Rungs  # compiled where it is needed
 
-# Advances that are logged before they are looked at: they stay in the cache.
-LOGGED_AT_ONCE = 4096
 # Noise goes this many of its deviations away within an interval at most: once in 5e8.
 DEVIATIONS = 6.0
 
@@ -66,28 +63,18 @@ class Lookout:
         with np.errstate(over="ignore", invalid="ignore"):
             return bool(np.all(values + self.of_changes @ changes <= FULL_SCALE))
 
-    def look(self, state: State, began_s: Callable[[Ints], float], stops: bool) -> Ints | None:
-        """Look at what is logged; the interval in which a signal went beyond, if that stops the run.
+    def begin(self) -> tuple[Rungs, Desk, Floats, Ints]:
+        """What `looking` needs."""
+        from hybrid.engine.between import desk_for
 
-        began_s: when an interval began that was logged as this.
-        """
-        from hybrid.engine.between import desk_for, look
+        self.at = np.full((len(self.seen), 4), -1)
+        return self._rungs(), desk_for(self.analog), self.seen, self.at
 
-        count = state.counts[LOGGED]
-        log, logged = state.log[:count], state.logged[:count]
-        rows = np.full((len(self.seen), 2), -1)
-        before = float(np.sum(self.seen[:, TIMES]))
-        done = look(self._rungs(), desk_for(self.analog), log, logged, self.seen, rows, stops)
-        for column, since in ((0, FIRST_S), (1, WORST_S)):
-            for s in np.flatnonzero(rows[:, column] >= 0).tolist():
-                self.seen[s, since] += began_s(logged[rows[s, column]])
-        found = float(np.sum(self.seen[:, TIMES])) > before
-        return logged[done - 1].copy() if stops and found else None
-
-    def with_log(self, state: State) -> State:
-        """The same state, of which the kernel logs where intervals begin."""
-        log = np.zeros((LOGGED_AT_ONCE, state.log.shape[1]))
-        return state._replace(log=log, logged=np.zeros((LOGGED_AT_ONCE, 4), dtype=np.int64))
+    def end(self, began_s: Callable[[int, int], float]) -> None:
+        """What has been seen since is told by the run's time; began_s: of an interval, by its end."""
+        for columns, since in (((0, 1), FIRST_S), ((2, 3), WORST_S)):
+            for s in np.flatnonzero(self.at[:, columns[0]] >= 0).tolist():
+                self.seen[s, since] += began_s(*self.at[s, list(columns)].tolist())
 
     def _propagators(self) -> list[Propagator]:
         return propagators([(self.analog, h) for h in self.intervals_s])

@@ -261,12 +261,10 @@ def state_of(machine: Machine, plant: Plant) -> State:
         np.zeros((latency, words)),
         np.zeros(max(len(timing.tasks), 1), dtype=SLOTS),
         machine.tape.registers[machine.tape.word_registers],
-        np.zeros(8, dtype=np.int64),
+        np.zeros(7, dtype=np.int64),
         np.zeros((watched, 6), dtype=np.int64),
         np.zeros((watched, 2)),
         lined_up(2, len(v) - len(z) - rank + len(analog.x0)),
-        np.zeros((0, len(z))),
-        np.zeros((0, 4), dtype=np.int64),
         np.zeros((len(machine.tape.sites) * PER_SITE + 1, 6)),
         *new_places(deck.axes),
     )
