@@ -262,7 +262,7 @@ def _wrong(name: str, old: str, new: str, *says: str, line: int = 0, file: str =
         _wrong("coefficient", "moment: turned", "moment: 2*turned", "name of a signal", line=10),
         _wrong("word", "moment: turned", "moment: left.sum", "program word", "wheel.yaml:3", line=10),
         _wrong("unit", "moment: turned", "moment: left.rate", "wheel.yaml:3", "kg*m^2/s^2", line=10),
-        _wrong("word's unit", "demand: 1 rad/s", "demand: 1 m", "'demand' of part 'right' (wheel.yaml:4)", line=10),
+        _wrong("word's unit", "demand: 1 rad/s", "demand: 1 m", "(wheel.yaml:4) must be", line=10),
         _wrong("setting", "inertia: big", "inertia: cycle", "wheel.yaml:7", "kg*m^2", line=9),
         _wrong("unknown", "inertia: big", "inertia: bog", "'bog'", "'big'", line=9),
         _wrong("name", "  left:", "  push:", "'push' is defined twice", line=9),

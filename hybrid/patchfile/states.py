@@ -105,8 +105,8 @@ def settle_dimensions(
 
     written: in the order in which they are computed. A word may use its own last value, and a state has
     the dimension of its rate times a time, and words of tasks may use those of each other, so it takes
-    passes until nothing new is found. fitted: the dimension that a word has of what its arithmetic has; it
-    may refuse that.
+    passes until nothing new is found. fitted: what a word's dimension is where its arithmetic has the
+    given one, which it may refuse.
     """
     for _ in range(len(states) + programs + 1):
         before = dict(scope)
