@@ -29,6 +29,7 @@ from hybrid.arguments import (
 )
 from hybrid.errors import RunError, quoted, shown
 from hybrid.expressions import names
+from hybrid.following import followed
 from hybrid.machine import Machine
 from hybrid.patch import Patch
 from hybrid.points import (
@@ -117,6 +118,14 @@ class Sweep:
         values = self.values[[p.index for p in self.points]]
         return self.dataset.assign_coords({self.parameter: values}).to_dataframe()
 
+    @cached_property
+    def modes(self) -> tuple[tuple[Mapping[str, Any] | None, ...], ...]:
+        """Predicted modes of each point in columns, each followed from the lowest value on."""
+        order = np.argsort(self.values[[p.index for p in self.points]], kind="stable").tolist()
+        columns = followed([self.points[i].modes for i in order])
+        found = dict(zip(order, columns, strict=True))
+        return tuple(tuple(found[i]) for i in range(len(order)))
+
     def to_dict(self) -> dict[str, Any]:
         """Everything as plain data; values in SI."""
         facts = machine_facts(self.first)
@@ -133,13 +142,13 @@ class Sweep:
                 {
                     "value": float(self.values[p.index]),
                     "readouts": p.measured,
-                    "modes": p.modes,
+                    "modes": [mode for mode in modes if mode],
                     "status": p.status,
                     "note": p.remarks,
                     "overloads": p.overloads,
                     "seed": p.seed,
                 }
-                for p in self.points
+                for p, modes in zip(self.points, self.modes, strict=True)
             ],
         }
 
@@ -262,7 +271,7 @@ def _dataset(result: Sweep) -> xr.Dataset:
 
     parameter = result.patch.parameters[result.parameter]
     points = result.points
-    modes = max((len(p.modes) for p in points), default=0)
+    modes = max(map(len, result.modes), default=0)
     variables: dict[str, Any] = measured_variables(points, result.first, result.parameter)
     for quantity in PREDICTED:
         name = quantity if quantity.endswith("_ideal") else f"predicted_{quantity}"
@@ -296,8 +305,8 @@ def _mode_table(
     result: Sweep, modes: int, quantity: str, closed: bool = False
 ) -> tuple[tuple[str, str], npt.NDArray[np.float64]]:
     table = np.full((len(result.points), modes), np.nan)
-    for i, point in enumerate(result.points):
-        for j, mode in enumerate(point.modes):
-            figures = (mode["closed_form"] or {}) if closed else mode
+    for i, columns in enumerate(result.modes):
+        for j, mode in enumerate(columns):
+            figures = ((mode or {}).get("closed_form") or {}) if closed else (mode or {})
             table[i, j] = number(figures.get(quantity))
     return (result.parameter, "mode"), table
