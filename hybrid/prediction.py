@@ -182,8 +182,9 @@ def _sampled_case(machine: Machine) -> Case | None:
     if machine.samplers[0].delay_ticks or machine.samplers[0].conversion_ticks:
         return None
     program = linear_program(machine.tape, 1)
-    if len(program.keep):
-        return None
+    remembered = slice(1, 1 + len(program.keep))  # its columns, after that of the one ADC
+    if np.any(program.rows[machine.holders[0].word, remembered]):
+        return None  # the loop remembers; what stands beside it may
     analog = coupling.ideal_analog(machine.patch, machine.parameters)
     if not len(analog.a):
         return None

@@ -808,3 +808,15 @@ def test_a_mode_that_dies_within_a_long_stretch_of_tasks_is_told():
     both = [-math.log(0.75) / 0.5, -math.log(0.97) / 1e-3]
     assert [m.omega for m in found.modes] == pytest.approx(both, rel=1e-9)
     assert found.notes == ()
+
+
+def test_a_filter_beside_the_loop_leaves_it_the_papers(shipped, compiled):
+    """And one in the loop does not."""
+    seen = "  remember: {seen: 0}\n  program:\n    seen: 0.2*alpha_sample + 0.8*previous(seen)\n"
+    beside = shipped("pitch_loop").replace("  program:\n", seen)
+    plain = closed_form_case(compiled(shipped("pitch_loop")))
+    assert plain.equation == "2.1" and closed_form_case(compiled(beside)) == plain
+    forms = predict(parse_patch(beside)).closed_forms
+    assert [form.equation for form in forms if form] == ["2.1"] and len(forms) == 2
+    inside = beside.replace("omega_p**2 * alpha_sample", "omega_p**2 * seen")
+    assert inside != beside and closed_form_case(compiled(inside)) is None
