@@ -1,7 +1,8 @@
 """Modes of a sweep from point to point: each goes on as the one that it was.
 
-Stage 0: imports nothing of the project. At a single point the ideal stands beside the nearest mode. Beyond omega_p T = 2 of
-the pitch loop that is another root than the one that began as the pitch mode at small T.
+Stage 0: imports nothing of the project. At a single point the ideal stands beside the nearest mode. Of
+the pitch loop that is, beyond omega_p T = 2, another root than the one that began as the pitch mode at
+small T.
 """
 
 from __future__ import annotations
