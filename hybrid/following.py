@@ -61,7 +61,8 @@ def _is_meant(mode: Mode) -> bool:
 
 
 def _same_ideal(one: Mode, other: Mode) -> bool:
-    return abs(_s(one, "_ideal") - _s(other, "_ideal")) <= SAME * abs(one["omega_ideal"])
+    apart = abs(_s(one, "_ideal") - _s(other, "_ideal"))
+    return apart <= SAME * abs(float(one["omega_ideal"]))
 
 
 def _apart(one: Mode, other: Mode) -> float:
