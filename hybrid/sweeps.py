@@ -68,9 +68,19 @@ VARIABLES = frozenset(
 
 @dataclass(frozen=True, eq=False)
 class Sweep:
-    """Points by value; `dataset` is an xarray.Dataset over (value, readout, mode).
+    """What a sweep gave, for the n values that were done.
 
-    `first` is the machine of the first value: its preset, serial number and units are those of all.
+    values: all values (values,) of `parameter`, in SI; points: n of them, each with its `index` there.
+    dataset: an xarray.Dataset over the swept parameter (n,) in the parameter's unit, `readout` (the
+        names of transients) and `mode` (columns that are followed from the lowest value on):
+        measured_omega, measured_omega_damped in rad/s, measured_zeta, each with `..._error` (one
+        standard deviation), (n, readout); predicted_omega, predicted_omega_damped, omega_ideal,
+        closed_form_omega in rad/s, predicted_zeta, zeta_ideal, closed_form_zeta, (n, mode); of other
+        readouts value_NAME in the signal's units and time_NAME in s, (n,); status, note, overloads
+        (how many) and seed, (n,). NaN where there is no answer.
+    modes: n tuples with a dict or None for each `mode` of it.
+    status: 'complete' or 'interrupted'; patch, seed: what was played; first: the machine of the first
+        value, whose preset, serial number and units are those of all.
     """
 
     patch: Patch
@@ -245,9 +255,10 @@ def sweep(
 
     Args: patch: a patch, or the file or shipped name of one; values: SI numbers, texts with units, or
     one text 'START:STOP:COUNT[:log]'; parameters: the others, likewise; machine: preset name; jobs: runs
-    at a time (default: one a core); progress: called with the fraction done. A point that
-    cannot be run or measured is kept with its reason. Raises PatchError or RunError where no point
-    could ever work.
+    at a time (default: one a core); progress: called with the fraction done. Returns a Sweep: its
+    `dataset` has measured and predicted figures, (values, readout) and (values, mode), frequencies in
+    rad/s. A point that cannot be run or measured is kept with its reason. Raises PatchError or RunError
+    where no point could ever work.
     """
     seed, patch = check_seed(seed), patch_of(patch)
     numbers, given = values_of(patch, over, values), parameters_of(patch, parameters)
