@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import argparse
 import json
+import os
+import sys
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -62,7 +64,7 @@ def finish(
     if options.json:
         figures = {table.name: [dict(row) for row in table.rows] for table in tables}
         head = {"bench": Path(file).stem, "quick": options.quick, "passed": passed}
-        print(json.dumps({**head, "verdict": verdict, **facts, **figures}, allow_nan=False))
+        say(json.dumps({**head, "verdict": verdict, **facts, **figures}, allow_nan=False))
         return 0 if passed else 1
     console = Console(width=WIDTH)
     for table in tables:
@@ -70,6 +72,15 @@ def finish(
     colour = "green" if passed else "red"
     console.print(f"[bold {colour}]{'PASS' if passed else 'FAIL'}[/]: {verdict}", highlight=False)
     return 0 if passed else 1
+
+
+def say(line: str) -> None:
+    """Print a line, to a reader such as `head` that may have read enough."""
+    try:
+        print(line, flush=True)
+    except BrokenPipeError:
+        # Nor is Python to say so at its end, where it flushes what is left.
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
 
 
 def _print_table(console: Console, table: Table) -> None:

@@ -25,7 +25,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from bench import Options, Row, Table, finish, parse_options
+from bench import Options, Row, Table, finish, parse_options, say
 from flights import shots, speeds
 from flights.cases import CASES, Case
 from flights.causes import IDEAL, causes_of, without_noise
@@ -220,7 +220,7 @@ def main() -> int:
     if not REFERENCE.is_dir():
         reason = f"no reference data in {REFERENCE}; set HYBRID_REFERENCE"
         skipped = {"bench": "check_cases", "skipped": reason, "cases": []}
-        print(json.dumps(skipped) if options.json else reason)
+        say(json.dumps(skipped) if options.json else reason)
         return 0
     os.environ["HYBRID_REFERENCE"] = str(REFERENCE.resolve())  # where the F-16 finds its files
     flown = [judge(case, machine, options) for case in CASES for machine in case.flights]

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import functools
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, fields, is_dataclass
+from dataclasses import dataclass, fields, is_dataclass, replace
 
 from hybrid.engine.ranges import beyond_text
 from hybrid.errors import Place, known_as
@@ -100,9 +100,8 @@ def _watched(patch: Patch) -> tuple[_Written, ...]:
     for entry in program.written if program else ():
         what = f"word {known_as(entry.word)!r}"
         found += [_Written(what, entry.place, expr) for expr in entry.reads]
-    rest = (patch.components, patch.dacs, patch.adcs, patch.run, patch.readouts, patch.modes)
-    of_program = (program.remember, program.states, program.tasks) if program else ()
-    found += [_Written(v.what, v.place, v.expr) for v in _values((*rest, *of_program))]
+    rest = replace(patch, parameters={}, models=())  # models are in the words that read them
+    found += [_Written(v.what, v.place, v.expr) for v in _values(rest)]
     return tuple(written for written in found if _has_range(written.expr))
 
 

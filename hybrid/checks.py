@@ -94,8 +94,16 @@ class DelayRow:
 
 @dataclass(frozen=True, eq=False)
 class Check:
-    """The findings: scaling and static check, potentiometers, parts, rate test, converters, loops,
-    prediction, and what is valid but hardly meant (`warnings`); `trial` None: there was none."""
+    """The findings, tuples of rows, in the order in which they are shown.
+
+    machine: as it was compiled; trial: the trial run, None where there was none. scaling: a ScaleRow for
+        each analog signal, full scale and value at t = 0 in its `units`, `..._mu` in machine units (a
+        second for rates). rates: what the rate test found, in machine units a second. parts: how many
+        of each kind. pots: settings from 0 to 1 with a gain. converters: range and step in `units`.
+    loops: paths of signals; prediction, events: in words. tasks: times in s. delays: time_s in s,
+        good_to in rad/s. shots: published values of models, in the file's units. warnings: what is
+        valid but hardly meant, a line each.
+    """
 
     machine: Machine
     trial: Trial | None
@@ -170,8 +178,9 @@ def check(
     """Compile the patch, try it out, and report what an operator checks.
 
     Args: patch: a patch, the file or shipped name of one, or a compiled machine; parameters: SI
-    numbers or texts with units; trial: make a trial run, of some seconds at most. Raises PatchError and
-    RunError for what is wrong.
+    numbers or texts with units; trial: make a trial run, of some seconds at most. Returns a
+    Check: tuples of rows, in the units that stand beside their figures. Raises PatchError and RunError
+    for what is wrong.
     """
     compiled = machine_of(patch, parameters, machine, serial)
     check_windows(compiled)

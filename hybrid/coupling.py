@@ -17,7 +17,7 @@ import numpy as np
 from hybrid.components import CATALOG
 from hybrid.cycle_map import CycleMap, cycle_maps, in_operation, stretch_s, without
 from hybrid.eigenvalues import FORGOTTEN, Complex, eigenvalues
-from hybrid.errors import HybridError
+from hybrid.errors import HybridError, counted
 from hybrid.expressions import Name
 from hybrid.layout import build_analog
 from hybrid.linearity import NotLinear, linear_program
@@ -27,6 +27,8 @@ from hybrid.patch import Patch, RunSettings, WordSettings, literal
 from hybrid.scale import to_seconds
 from hybrid.tape import build_tape
 from hybrid.together import attempt, only, passed_on
+
+MOST_NAMED = 3  # of modes that are over within a stretch
 
 
 @dataclass(frozen=True, slots=True)
@@ -196,7 +198,7 @@ def modes(machine: Machine) -> tuple[Mode, ...]:
     """The modes that the patch is meant to have, as the machine plays them, slowest first.
 
     Those that are over within a stretch, a sensor's lag of 1 us beside T = 1 ms, have left no trace in
-    the map and are not among them.
+    the map and are not among them; `over_within_text` tells of them.
     Where the patch has no ideal limit, every mode is listed and the ideal figures are NaN.
     """
     return only(modes_of_each([machine]))
@@ -217,11 +219,35 @@ def _beside_ideal(machine: Machine, exact: list[complex]) -> tuple[Mode, ...]:
         pairs = [(s, complex(np.nan, np.nan)) for s in exact]
     else:
         within_s = _stretch_s(machine)
-        lasting = [s for s in ideal.tolist() if -s.real * within_s < -math.log(FORGOTTEN)]
-        pairs = _pair(exact, lasting)
+        pairs = _pair(exact, [s for s in ideal.tolist() if not _is_over(s, within_s)])
         pairs += _unmeant(exact, pairs, math.log(2.0) / within_s if within_s else 0.0)
     found = [_mode(s, i) for s, i in pairs if s.imag >= 0]
     return tuple(sorted(found, key=lambda m: (m.omega, m.zeta)))
+
+
+def over_within_text(machine: Machine) -> str:
+    """Which meant modes are not listed as they are over within a stretch; ''."""
+    within_s = _stretch_s(in_operation(machine))
+    try:
+        ideal = ideal_modes(machine.patch, machine.overrides).tolist()
+    except HybridError:
+        return ""
+    over = sorted(abs(s) for s in ideal if s.imag >= 0 and _is_over(s, within_s))
+    if not over:
+        return ""
+    shown = ", ".join(f"{omega:.6g}" for omega in over[:MOST_NAMED])
+    shown += f" and {len(over) - MOST_NAMED} more" if len(over) > MOST_NAMED else ""
+    until = "after which all tasks are where they were" if machine.timing.tasks else "of a cycle"
+    return (
+        f"{counted(len(over), 'mode')} of the ideal with omega {shown} rad/s left out: less than "
+        f"{FORGOTTEN:g} of it is left of a motion after the {within_s:.6g} s {until}, so the exact map "
+        "has no trace of it"
+    )
+
+
+def _is_over(s: complex, within_s: float) -> bool:
+    """Whether a mode leaves no trace in the map of a stretch of this length."""
+    return -s.real * within_s >= -math.log(FORGOTTEN)
 
 
 def _stretch_s(machine: Machine) -> float:

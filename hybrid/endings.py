@@ -15,8 +15,10 @@ from hybrid.engine.beyond import DAC_SUFFIX
 from hybrid.engine.linear import Player
 from hybrid.engine.ranges import outside
 from hybrid.errors import known_as
+from hybrid.expressions import sub_expressions
 from hybrid.indicators import overloads_of
 from hybrid.machine import Machine
+from hybrid.mathml import may_be_nothing
 from hybrid.record import full_scales, signal_units
 from hybrid.roundoff import word_lengths
 from hybrid.scale import to_seconds
@@ -129,7 +131,12 @@ def _causes_text(machine: Machine, words: Sequence[str]) -> str:
     written = [e for e in program.written if e.word in words] if program else []
     trees = [tree for entry in written for tree in entry.reads]
     divides = "a division or mod" if any(calls_any(t, MOD) for t in trees) else "a division"
-    causes = [f"a number beyond {_largest_text(machine, words)}", f"{divides} by zero"]
+    causes = [
+        f"a <piecewise> without <otherwise> of which no piece holds, in {known_as(e.word)} ({e.place})"
+        for e in written
+        if any(may_be_nothing(node) for tree in e.reads for node in sub_expressions(tree))
+    ]
+    causes += [f"a number beyond {_largest_text(machine, words)}", f"{divides} by zero"]
     if any(calls_any(tree, LIMITS) for tree in trees):
         causes.append("limits of which the low one is above the high one")
     return f"{', '.join(causes)}, or a root or logarithm of a negative number"

@@ -12,7 +12,7 @@ from dataclasses import dataclass
 from hybrid.dimensions import dimension_of
 from hybrid.errors import PatchError, Place, did_you_mean, quoted
 from hybrid.expressions import RESERVED_NAMES, ExpressionError, Number, names
-from hybrid.language import Bound, Holds, Key, Unit
+from hybrid.keys import Bound, Holds, Key, Unit
 from hybrid.modes import RESERVED_SIGNALS
 from hybrid.parsing import parse
 from hybrid.patch import Value

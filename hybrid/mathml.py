@@ -9,7 +9,7 @@ from __future__ import annotations
 import functools
 import itertools
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 
 from hybrid.errors import PatchError, counted, did_you_mean, quoted
 from hybrid.expressions import Binary, BinaryOp, Call, Name, Node, Number, Unary
@@ -88,22 +88,41 @@ def _is_whole(text: str) -> bool:
 def _piecewise(element: Element, named: Named) -> Node:
     otherwise = element.first("otherwise")
     pieces = list(element.all("piece"))
-    if not pieces or (otherwise and len(otherwise.children) != 1):
-        raise PatchError("<piecewise> needs <piece>s, and one value in <otherwise>", element.place)
+    if not pieces:
+        raise PatchError(
+            "<piecewise> needs a <piece> or more, each of a value and a condition", element.place
+        )
+    if otherwise and len(otherwise.children) != 1:
+        what = counted(len(otherwise.children), "value")
+        raise PatchError(f"<otherwise> has {what}; it needs one", otherwise.place)
     read = []
     for piece in pieces:
         if len(piece.children) != 2:
-            raise PatchError("<piece> needs a value and a condition", piece.place)
+            what = counted(len(piece.children), "element")
+            raise PatchError(
+                f"<piece> has {what}; it needs two, a value and its condition", piece.place
+            )
         value, condition = (_read(child, named) for child in piece.children)
         read.append((value, condition))
-    if otherwise:
-        result = _read(otherwise.children[0], named)
-    else:  # where no piece holds there is no value, as of 0/0, which ends a run
-        holds = functools.reduce(lambda a, b: Binary("or", a, b), (c for _, c in read))
-        result = Binary("/", Number(0.0), holds)
+    conditions = [condition for _, condition in read]
+    result = _read(otherwise.children[0], named) if otherwise else _nothing(conditions)
     for value, condition in reversed(read):
         result = Call("select", (condition, value, result))
     return result
+
+
+def _nothing(conditions: Sequence[Node]) -> Node:
+    """What has no value where none of these holds, as 0/0 has none; it ends a run."""
+    return Binary("/", Number(0.0), functools.reduce(lambda a, b: Binary("or", a, b), conditions))
+
+
+def may_be_nothing(tree: Node) -> bool:
+    """Whether an expression is a <piecewise> without <otherwise>, which may have no value."""
+    conditions = []
+    while isinstance(tree, Call) and tree.function == "select":
+        conditions.append(tree.args[0])
+        tree = tree.args[2]
+    return bool(conditions) and tree == _nothing(conditions)
 
 
 def _apply(element: Element, named: Named) -> Node:

@@ -262,6 +262,10 @@ def with_chosen(patch: Patch, pens: str | None) -> tuple[Patch, list[str] | None
         crowded = not patch.record and len(patch.signals) > MOST_PENS
         return patch, _by_weight(patch) if crowded else None
     names = [name.strip() for name in pens.split(",")]
+    if not all(names):
+        many = f"an empty name in {quoted(pens)}" if any(names) else "no signal"
+        listed = ", ".join(patch.signals[:MOST_PENS])
+        raise RunError(f"--pens has {many}; give one or more of {listed}, with commas between")
     for place, name in enumerate(names):
         if name in names[:place]:
             raise RunError(f"--pens names {quoted(name)} twice; one pen draws it")

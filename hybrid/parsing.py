@@ -78,6 +78,7 @@ _NOT_FINITE = re.compile(r"[+-]?\.?(nan|inf|infinity)(\s+\S.*)?", re.ASCII | re.
 _DECIMAL_COMMA = re.compile(r"(?<![\w.,])(\d++),(\d++)(?![\w.]*,)", re.ASCII)
 # A name as it stands in arithmetic, "rotation.rate" in one piece; the e of 1e3 and a unit are none.
 NAME_IN_TEXT = re.compile(r"(?<![\w.])[A-Za-z_]\w*+(?:\.[A-Za-z_]\w*+)*", re.ASCII)
+_QUANTITY_THEN_SUM = re.compile(r"\s*+([^-+()]*[^-+()\s])(?:\s*+\+|\s++-)", re.ASCII)
 _NAME_ALONE = re.compile(r"[A-Za-z_]\w*+", re.ASCII)
 _NUMBER_THEN_NAME = re.compile(
     r"(?<![\w.])((?:\d++\.?+\d*+|\.\d++)(?:[eE][+-]?\d++)?(?![eE][+-]?\d))"
@@ -134,9 +135,23 @@ def _quantity(text: str | int | float) -> Number:
     try:
         quantity = parse_quantity(text)
     except UnitError as error:
+        if alone := _arithmetic_with(text):
+            raise ExpressionError(
+                f"{alone!r} must stand alone, as any number with a unit; in arithmetic it is a "
+                f"parameter: declare one, as in parameters: {{extra: {alone}}}, and write its name"
+            ) from None
         advice = " (a product needs *)" if _may_be_a_product(text) else ""
         raise ExpressionError(f"{error}{advice}") from None
     return Number(quantity.value, quantity.dimension)
+
+
+def _arithmetic_with(text: str | int | float) -> str:
+    """The quantity that begins arithmetic, "1 ms" of "1 ms + cycle"; '' where none does."""
+    found = _QUANTITY_THEN_SUM.match(text) if isinstance(text, str) else None
+    try:
+        return found[1] if found and parse_quantity(found[1]) else ""
+    except UnitError:
+        return ""
 
 
 def _may_be_a_product(text: str | int | float) -> bool:

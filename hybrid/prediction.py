@@ -53,7 +53,7 @@ class Prediction:
     closed_forms: tuple[ClosedForm | None, ...]  # one a mode
     max_cycle_s: float | None = None  # None: not asked, or no T exceeds the error
     max_damping_error: float | None = None  # None: not asked
-    notes: tuple[str, ...] = ()  # what does not follow T
+    notes: tuple[str, ...] = ()  # what does not follow T, and modes left out
 
     def to_dicts(self) -> list[dict[str, Any]]:
         """One dict a mode: omega, omega_damped, zeta, omega_ideal, zeta_ideal, closed_form."""
@@ -123,7 +123,8 @@ def predict_machine(machine: Machine, max_damping_error: float | None = None) ->
     """The same for a compiled machine."""
     found = only(predict_each([machine]))
     asked = max_damping_error is not None
-    found = replace(found, notes=what_follows(machine, asked))
+    over = coupling.over_within_text(machine)
+    found = replace(found, notes=(*what_follows(machine, asked), *([over] if over else [])))
     if max_damping_error is None:
         return found
     longest = largest_cycle_s(machine, max_damping_error)
@@ -181,8 +182,9 @@ def _sampled_case(machine: Machine) -> Case | None:
     if machine.samplers[0].delay_ticks or machine.samplers[0].conversion_ticks:
         return None
     program = linear_program(machine.tape, 1)
-    if len(program.keep):
-        return None
+    remembered = slice(1, 1 + len(program.keep))  # its columns, after that of the one ADC
+    if np.any(program.rows[machine.holders[0].word, remembered]):
+        return None  # the loop remembers; what stands beside it may
     analog = coupling.ideal_analog(machine.patch, machine.parameters)
     if not len(analog.a):
         return None

@@ -51,7 +51,24 @@ NO_FIGURES = ("kind", "signal", "units")  # of what a readout says
 
 @dataclass(frozen=True, eq=False)
 class Run:
-    """What a run gave; `record` is an xarray.Dataset, `readouts` name -> quantities."""
+    """What a run gave, up to where it came.
+
+    record: an xarray.Dataset over `time` (rows,) in s, a float64 variable (rows,) for every signal, in
+        its own `units` (attribute; beside it full_scale and kind); facts of the run are its attributes.
+    readouts: by name; of a transient omega and omega_damped in rad/s, zeta, each with `..._error` (one
+        standard deviation), amplitude and offset; of others `value`, and time_s in s of some. `units`
+        are those of the signal; None, with its `reason`, where there is no answer.
+    rows: (rows, pens), what record is made of, a column for each of `pens`, in their units; time_s:
+        (rows,), in s; every `keep_every`-th of the rows that were asked for. done_ticks: in ticks, see
+        `scale`; timeline: what happened on the digital machine until then.
+    overloads: a dict each, by time: signal, time_s and duration_s in s, value, worst_value and
+        full_scale in units; outside: a dict each place where a table or helper was asked beyond
+        its range. tasks: a row for each task, times in s. operations: of the machine, how many were
+        played to their end.
+    status: 'complete', 'interrupted' or 'stopped', status_note says why; machine, seed and engine: what
+        it was played with; engine_error: of full scale, None where the engine has no estimate;
+        coarse_by: the part whose noise sets it; played_s: in s of real time.
+    """
 
     machine: Machine
     seed: int
@@ -194,8 +211,9 @@ def run(
     numbers or texts with units ('2 ms'); machine: preset name; seed for the noise; serial: which
     machine of the make; progress: called with the fraction done; readouts_only: record only what the
     readouts need; engine: `exact`, `nonlinear`, `reference` (SciPy, slow) or `auto`, see
-    `engines`. A KeyboardInterrupt ends the run early and returns what was played. Raises
-    PatchError and RunError for the mistakes of the user.
+    `engines`. Returns a Run: its `record` is over time in s, (rows,) a signal in the signal's units, its
+    `readouts` are dicts by name. A KeyboardInterrupt ends the run early and returns what was played.
+    Raises PatchError and RunError for the mistakes of the user.
     """
     seed = check_seed(seed)
     circuit = wants_circuit(check_engine(engine))

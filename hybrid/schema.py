@@ -13,7 +13,7 @@ from hybrid.components import CATALOG, Kind
 from hybrid.expressions import RESERVED_NAMES
 from hybrid.fields import NAME, RANGES, SIGNAL_NAME, TIME_AXIS
 from hybrid.formulas import FORMULAS
-from hybrid.language import Bound, Holds, Key, Unit
+from hybrid.keys import Bound, Holds, Key, Unit
 from hybrid.machines import PRESETS
 from hybrid.modes import ON_OVERLOAD, RESERVED_SIGNALS
 from hybrid.processors import PROCESSORS

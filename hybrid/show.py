@@ -261,7 +261,9 @@ def show_sweep(console: Console, sweep: Sweep, files: Sequence[str]) -> None:
         rows.append(row)
     columns = [f"{sweep.parameter} {unit}".strip()]
     columns += [f"{name} {q}" for name in readouts for q in ("zeta", "omega")]
-    columns += [f"predicted {q}" for _ in range(data.sizes["mode"]) for q in ("zeta", "omega")]
+    modes = data.sizes["mode"]
+    told = [f"predicted mode {k + 1}" for k in range(modes)] if modes > 1 else ["predicted"] * modes
+    columns += [f"{name} {q}" for name in told for q in ("zeta", "omega")]
     columns += [f"{n.removeprefix('value_')} {data[n].attrs['units']}".strip() for n in scalars]
     columns += ["overloads"] if overloads else []
     show_table(console, "", columns, rows)

@@ -29,6 +29,7 @@ from hybrid.arguments import (
 )
 from hybrid.errors import RunError, quoted, shown
 from hybrid.expressions import names
+from hybrid.following import followed
 from hybrid.machine import Machine
 from hybrid.patch import Patch
 from hybrid.points import (
@@ -67,9 +68,19 @@ VARIABLES = frozenset(
 
 @dataclass(frozen=True, eq=False)
 class Sweep:
-    """Points by value; `dataset` is an xarray.Dataset over (value, readout, mode).
+    """What a sweep gave, for the n values that were done.
 
-    `first` is the machine of the first value: its preset, serial number and units are those of all.
+    values: all values (values,) of `parameter`, in SI; points: n of them, each with its `index` there.
+    dataset: an xarray.Dataset over the swept parameter (n,) in the parameter's unit, `readout` (the
+        names of transients) and `mode` (columns that are followed from the lowest value on):
+        measured_omega, measured_omega_damped in rad/s, measured_zeta, each with `..._error` (one
+        standard deviation), (n, readout); predicted_omega, predicted_omega_damped, omega_ideal,
+        closed_form_omega in rad/s, predicted_zeta, zeta_ideal, closed_form_zeta, (n, mode); of other
+        readouts value_NAME in the signal's units and time_NAME in s, (n,); status, note, overloads
+        (how many) and seed, (n,). NaN where there is no answer.
+    modes: n tuples with a dict or None for each `mode` of it.
+    status: 'complete' or 'interrupted'; patch, seed: what was played; first: the machine of the first
+        value, whose preset, serial number and units are those of all.
     """
 
     patch: Patch
@@ -117,6 +128,14 @@ class Sweep:
         values = self.values[[p.index for p in self.points]]
         return self.dataset.assign_coords({self.parameter: values}).to_dataframe()
 
+    @cached_property
+    def modes(self) -> tuple[tuple[Mapping[str, Any] | None, ...], ...]:
+        """Predicted modes of each point in columns, each followed from the lowest value on."""
+        order = np.argsort(self.values[[p.index for p in self.points]], kind="stable").tolist()
+        columns = followed([self.points[i].modes for i in order])
+        found = dict(zip(order, columns, strict=True))
+        return tuple(tuple(found[i]) for i in range(len(order)))
+
     def to_dict(self) -> dict[str, Any]:
         """Everything as plain data; values in SI."""
         facts = machine_facts(self.first)
@@ -133,13 +152,13 @@ class Sweep:
                 {
                     "value": float(self.values[p.index]),
                     "readouts": p.measured,
-                    "modes": p.modes,
+                    "modes": [mode for mode in modes if mode],
                     "status": p.status,
                     "note": p.remarks,
                     "overloads": p.overloads,
                     "seed": p.seed,
                 }
-                for p in self.points
+                for p, modes in zip(self.points, self.modes, strict=True)
             ],
         }
 
@@ -236,9 +255,10 @@ def sweep(
 
     Args: patch: a patch, or the file or shipped name of one; values: SI numbers, texts with units, or
     one text 'START:STOP:COUNT[:log]'; parameters: the others, likewise; machine: preset name; jobs: runs
-    at a time (default: one a core); progress: called with the fraction done. A point that
-    cannot be run or measured is kept with its reason. Raises PatchError or RunError where no point
-    could ever work.
+    at a time (default: one a core); progress: called with the fraction done. Returns a Sweep: its
+    `dataset` has measured and predicted figures, (values, readout) and (values, mode), frequencies in
+    rad/s. A point that cannot be run or measured is kept with its reason. Raises PatchError or RunError
+    where no point could ever work.
     """
     seed, patch = check_seed(seed), patch_of(patch)
     numbers, given = values_of(patch, over, values), parameters_of(patch, parameters)
@@ -262,7 +282,7 @@ def _dataset(result: Sweep) -> xr.Dataset:
 
     parameter = result.patch.parameters[result.parameter]
     points = result.points
-    modes = max((len(p.modes) for p in points), default=0)
+    modes = max(map(len, result.modes), default=0)
     variables: dict[str, Any] = measured_variables(points, result.first, result.parameter)
     for quantity in PREDICTED:
         name = quantity if quantity.endswith("_ideal") else f"predicted_{quantity}"
@@ -296,8 +316,8 @@ def _mode_table(
     result: Sweep, modes: int, quantity: str, closed: bool = False
 ) -> tuple[tuple[str, str], npt.NDArray[np.float64]]:
     table = np.full((len(result.points), modes), np.nan)
-    for i, point in enumerate(result.points):
-        for j, mode in enumerate(point.modes):
-            figures = (mode["closed_form"] or {}) if closed else mode
+    for i, columns in enumerate(result.modes):
+        for j, mode in enumerate(columns):
+            figures = ((mode or {}).get("closed_form") or {}) if closed else (mode or {})
             table[i, j] = number(figures.get(quantity))
     return (result.parameter, "mode"), table

@@ -194,7 +194,7 @@ class Tape:
     length_of: npt.NDArray[np.int32]  # (operations,): row of `lengths`; () where all are doubles
     lengths: npt.NDArray[np.float64]  # (word lengths, figures)
     fixed: Mapping[str, WordLength]  # of the words in fixed point
-    beginning: frozenset[int]  # rows of code that only see to it that formulas start
+    beginning: frozenset[int]  # rows of code that only see to the first cycles
     past_rates: tuple[int, ...]  # of each program: rates that its formulas keep for later cycles
 
 
@@ -244,6 +244,8 @@ class _Builder:
                 return self.place[next_of(id)]
             case Call("select", (condition, chosen, other)) if self.is_known(condition):
                 return self.compute(chosen if evaluate(condition, self.scope) else other)
+            case Call("select", (Name(id), *_) as arguments) if id == FIRST:
+                return self.choose_first(arguments)
             case Name(id):
                 return self.place[id]
             case Call("previous", (Name(id), *rest)):
@@ -277,6 +279,12 @@ class _Builder:
         result = held[0]
         for other in held[1:]:
             result = self.emit(op, result, other)
+        return result
+
+    def choose_first(self, arguments: tuple[Node, ...]) -> int:
+        """What the first cycle has in place of one before it; the choice itself sees to that alone."""
+        result = self.call(Op.SELECT, arguments)
+        self.beginning |= {len(self.code) - 2, len(self.code) - 1}  # COPY and SELECT
         return result
 
     def call_helper(self, name: str, helper: Helper, arguments: tuple[Node, ...]) -> int:

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import dataclasses
 import json
+import re
 from pathlib import Path
 from types import SimpleNamespace
 
@@ -284,3 +286,19 @@ def test_an_interrupted_run_names_the_row_at_which_its_record_ends():
     assert told(4, 0.73) == "interrupted at 0.73 s; the record ends with its row at 0.6 s"
     assert told(4, 0.6) == "interrupted at 0.6 s; the record ends there"
     assert told(0, 0.0) == "interrupted at 0 s; before the first row of the record"
+
+
+def test_docstrings_name_all_that_results_hold():
+    """Every field of a run, a sweep and a check; every variable of a sweep, which has the shape told."""
+    swept = hybrid.sweep("pitch_loop", "cycle", ["1 ms", "2 ms"], {"compute_time": 0}, jobs=1)
+    checked = hybrid.check("pitch_loop", trial=False)
+    for result in (hybrid.run("pitch_loop", readouts_only=True), swept, checked):
+        named = set(re.findall(r"\w+", type(result).__doc__))
+        assert {field.name for field in dataclasses.fields(result)} <= named
+    named = set(re.findall(r"\w+", type(swept).__doc__))
+    for name, variable in swept.dataset.data_vars.items():
+        assert name.removesuffix("_error") in named
+        second = {"measured": ("readout",), "predicted": ("mode",), "closed": ("mode",)}
+        second |= {"omega": ("mode",), "zeta": ("mode",)}  # of the ideals
+        assert variable.dims == ("cycle", *second.get(name.split("_")[0], ())), name
+        assert variable.shape[0] == 2

@@ -322,3 +322,18 @@ def test_axes_outside_the_bounds_are_told_below_the_table(monkeypatch):
     notes = jets.beside_bounds(rows)
     assert notes.count("g/s at") == 1 and "0.843 g/s at 10 ms" in notes
     assert "outside" not in jets.beside_bounds([rows[0], rows[2]])
+
+
+def test_a_reader_that_has_read_enough_is_no_mistake():
+    """As `head` is: the line is far longer than what a pipe holds."""
+    code = (
+        "import sys, bench; sys.exit(bench.finish('b.py', bench.Options(True, True), "
+        "[bench.Table('rows', '', {}, [{'x': 'y' * 1000}] * 1000)], True, 'done'))"
+    )
+    with subprocess.Popen(
+        [sys.executable, "-c", code], cwd=BENCHES, stdout=subprocess.PIPE, stderr=subprocess.PIPE
+    ) as bench:
+        bench.stdout.read(10)
+        bench.stdout.close()
+        assert bench.stderr.read() == b""
+    assert bench.returncode == 0

@@ -117,6 +117,18 @@ class TestLanes:
         low, high = figure.axes[0].get_ylim()
         assert low < -0.1 and 0.1 < high < 0.15
 
+    def test_a_lane_away_from_zero_says_how_wide_it_is(self):
+        # From 0.9999 to 1 of a full scale of 1: no part of the range around 0.
+        record = make_record()
+        record["theta"] = record["theta"].copy(data=np.linspace(0.9999, 1.0, record.sizes["time"]))
+        told = [text for text in texts(strip_chart(record, signals=["theta"])) if "of it" in text]
+        assert told == ["lane 0.005 % of it wide"]
+
+    def test_one_row_has_the_axis_of_the_run(self):
+        record = make_record().isel(time=[0])
+        record.attrs["until_s"] = 0.02
+        assert strip_chart(record).axes[-1].get_xlim() == (0.0, 0.02)
+
     def test_extremes_are_told(self):
         assert {"max 1", "full scale ±1"} <= set(texts(strip_chart(make_record())))
 

@@ -774,3 +774,49 @@ def test_units_of_the_words_do_not_matter(shipped, compiled, inertia, omega_p):
     found = modes(compiled(shipped("pitch_loop"), parameters))
     exact = theory.exact_uncompensated(omega_p, 1e-3)
     assert [m.zeta for m in found if m.omega_ideal > 0] == pytest.approx([exact.zeta], abs=1e-12)
+
+
+SLOW_AND_FAST = """
+title: Two loops of one state each on one processor
+machine: ideal
+parameters: {rate: 100 1/s}
+analog:
+  x: {integrate: {pull: 1}, initial: 1, full_scale: 2}
+  y: {integrate: {push: 1}, initial: 1, full_scale: 2}
+interface:
+  xs: {adc: x}
+  ys: {adc: y}
+  pull: {dac: pw, full_scale: 200 1/s, initial: 0 1/s}
+  push: {dac: qw, full_scale: 200 1/s, initial: 0 1/s}
+digital:
+  tasks:
+    fast: {period: 1 ms, compute_time: 0, program: {pw: -rate*xs}}
+    slow: {period: 500 ms, compute_time: 0, program: {qw: -0.5*ys}}
+run: {until: 2 s}
+"""
+
+
+def test_a_mode_that_dies_within_a_long_stretch_of_tasks_is_told():
+    # Of x 0.9 is left in 1 ms, so 0.9^500 = 1e-23 in the 0.5 s of the map; of y 0.75.
+    found = predict(parse_patch(SLOW_AND_FAST))
+    assert [m.omega for m in found.modes] == pytest.approx([-math.log(0.75) / 0.5], rel=1e-12)
+    (note,) = found.notes
+    assert note.startswith("1 mode of the ideal with omega 100 rad/s left out: less than 1e-09")
+    assert "0.5 s after which all tasks are where they were" in note
+    # At 30/s 0.97^500 = 2.4e-7 of it is left, and it is listed.
+    found = predict(parse_patch(SLOW_AND_FAST), {"rate": 30.0})
+    both = [-math.log(0.75) / 0.5, -math.log(0.97) / 1e-3]
+    assert [m.omega for m in found.modes] == pytest.approx(both, rel=1e-9)
+    assert found.notes == ()
+
+
+def test_a_filter_beside_the_loop_leaves_it_the_papers(shipped, compiled):
+    """And one in the loop does not."""
+    seen = "  remember: {seen: 0}\n  program:\n    seen: 0.2*alpha_sample + 0.8*previous(seen)\n"
+    beside = shipped("pitch_loop").replace("  program:\n", seen)
+    plain = closed_form_case(compiled(shipped("pitch_loop")))
+    assert plain.equation == "2.1" and closed_form_case(compiled(beside)) == plain
+    forms = predict(parse_patch(beside)).closed_forms
+    assert [form.equation for form in forms if form] == ["2.1"] and len(forms) == 2
+    inside = beside.replace("omega_p**2 * alpha_sample", "omega_p**2 * seen")
+    assert inside != beside and closed_form_case(compiled(inside)) is None

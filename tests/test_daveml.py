@@ -326,6 +326,12 @@ DEEP = "<DAVEfunc>" + "<a>" * 200 + "</a>" * 200 + "</DAVEfunc>"
         ("<apply><times/><cn>0.5</cn>", "<apply><tims/>", 12, "<tims/> is no operation"),
         ("<apply><times/><cn>0.5</cn>", "<apply><divide/>", 12, "<divide/> has 1 operand; it needs 2"),
         ("<apply><times/><cn>0.5</cn>", "<vector/><apply><minus/>", 11, "must hold one expression"),
+        ("<apply><times/><cn>0.5</cn>", "<piecewise/><apply><abs/>", 11, "must hold one expression"),
+        ("<cn>0.5</cn>", "<piecewise/>", 12, "<piecewise> needs a <piece> or more, each of a value"),
+        ("<cn>0.5</cn>", "<piecewise><piece><cn>1</cn></piece></piecewise>", 12,
+         "<piece> has 1 element; it needs two, a value and its condition"),
+        ("<cn>0.5</cn>", "<piecewise>\n<piece><cn>1</cn><true/></piece>\n<otherwise/></piecewise>", 14,
+         "<otherwise> has 0 values; it needs one"),
         ('units="lbf"', 'units="pounds"', 16, "'force' is in unknown units 'pounds'; say in the patch"),
     ],
 )  # fmt: skip
@@ -565,6 +571,15 @@ def test_a_choice_that_no_piece_makes_ends_the_run(flown):
     assert made.record["force"].values[-1] / LBF == pytest.approx(2, rel=4 * EPS)
     ended = flown(MODEL.replace(old, PIECES.replace("LIMIT", "6")))
     assert ended.status == "stopped" and "computed no finite number for" in ended.status_note
+    told = "(a <piecewise> without <otherwise> of which no piece holds, in wing.force ("
+    line = 1 + MODEL[: MODEL.index('varID="f"')].count("\n")
+    assert told in ended.status_note and f"wing.dml:{line}), " in ended.status_note
+    plain = flown(
+        MODEL.replace(
+            old, "<apply><divide/><cn>0</cn><apply><minus/><ci>v</ci><ci>v</ci></apply></apply>"
+        )
+    )
+    assert plain.status == "stopped" and "piecewise" not in plain.status_note
 
 
 @pytest.mark.parametrize("encoding", ["UTF-8", "utf-16", "ISO-8859-1", "us-ascii", "windows-1252"])

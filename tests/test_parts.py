@@ -262,7 +262,7 @@ def _wrong(name: str, old: str, new: str, *says: str, line: int = 0, file: str =
         _wrong("coefficient", "moment: turned", "moment: 2*turned", "name of a signal", line=10),
         _wrong("word", "moment: turned", "moment: left.sum", "program word", "wheel.yaml:3", line=10),
         _wrong("unit", "moment: turned", "moment: left.rate", "wheel.yaml:3", "kg*m^2/s^2", line=10),
-        _wrong("word's unit", "demand: 1 rad/s", "demand: 1 m", "'right.demand' [m]", "part right of"),
+        _wrong("word's unit", "demand: 1 rad/s", "demand: 1 m", "(wheel.yaml:4) must be", line=10),
         _wrong("setting", "inertia: big", "inertia: cycle", "wheel.yaml:7", "kg*m^2", line=9),
         _wrong("unknown", "inertia: big", "inertia: bog", "'bog'", "'big'", line=9),
         _wrong("name", "  left:", "  push:", "'push' is defined twice", line=9),
@@ -414,12 +414,13 @@ definitions:
     inputs: {vx: 300 m/s, vy: 0 m/s}
     outputs: [speed]
     digital: {program: {speed: "sqrt(vx*vx + vy*vy)"}}
-digital: {period: 10 ms, program: {twice: 2*air.speed}}
+parameters: {two: 2, turn: 20 deg, fast: 3 m/s}
+digital: {period: 10 ms, program: {twice: 2*air.speed}, remember: {twice: 0 m/s}}
 run: {until: 1 s}
 """
 
 
-@pytest.mark.parametrize("given", ["3", "3e0", "3.", "0.003 km/s"])
+@pytest.mark.parametrize("given", ["3", "3e0", "3.", "0.003 km/s", "1 + 2", "-1.5*two", "sqrt(9)"])
 def test_a_bare_number_for_an_input_is_in_the_si_unit_that_is_due(given: str) -> None:
     result = hybrid.run(hybrid.parse_patch(AROUND_DRAG.replace("GIVEN", given)))
     speed = result.record["twice"]
@@ -427,9 +428,17 @@ def test_a_bare_number_for_an_input_is_in_the_si_unit_that_is_due(given: str) ->
 
 
 @pytest.mark.parametrize(
-    ("given", "is_"), [("3 kg", "in kg"), ("20 deg", "a pure number"), ("3 m", "in m")]
+    ("given", "is_"),
+    [
+        ("3 kg", "in kg"),
+        ("20 deg", "a pure number"),
+        ("3 m", "in m"),
+        ("2*turn", "a pure number"),
+        ("fast*fast", r"in m\^2/s\^2"),
+        ("previous(twice)/fast", "a pure number"),
+    ],
 )
-def test_a_number_in_another_unit_is_told_where_it_is_given(given: str, is_: str) -> None:
+def test_what_is_in_another_unit_is_told_where_it_is_given(given: str, is_: str) -> None:
     with pytest.raises(
         PatchError,
         match=rf"^two.yaml:5: input 'vx' of part 'air' \(two.yaml:8\) must be in m/s; .* is {is_}",

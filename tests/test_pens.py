@@ -51,7 +51,8 @@ def test_without_a_choice_what_says_most_is_drawn_first():
     ("pens", "said"),
     [
         ("x,w", "--pens: no signal 'w'; valid: x, y, z"),
-        ("", "--pens: no signal ''"),
+        ("", "--pens has no signal; give one or more of x, y, z, with commas between"),
+        ("x,", "--pens has an empty name in 'x,'; give one or more of x, y, z"),
         ("x,y, x", "--pens names 'x' twice"),
         (",".join(f"s{i}" for i in range(13)), "no signal 's0'"),
     ],

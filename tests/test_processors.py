@@ -256,3 +256,26 @@ def test_a_check_says_who_samples_what_and_sends_it(tmp_path, capsys):
 def test_the_one_program_samples_and_sends_all(pitch_loop):
     (row,) = hybrid.check(pitch_loop, trial=False).tasks
     assert (row.when, row.samples, row.sends) == (None, ("alpha_sample",), ("M_a",))
+
+
+LED = """
+title: A DAC that leads
+machine: ideal
+analog: {x: {integrate: {d: 1}, initial: 1, full_scale: 2}}
+interface:
+  s: {adc: x}
+  d: {dac: w, full_scale: 2, initial: 0, lead: 15 ms}
+digital: {period: 10 ms, compute_time: counted, processor: ibm_7090, program: {w: 2*s}}
+run: {until: 1 s}
+"""
+
+
+def test_a_lead_is_what_a_later_cycle_computes():
+    """w + 1.5 (w - w before): two additions, a product, and a word that is stored; that the first cycle
+    shows w itself is no operation of the others."""
+    of = [
+        hybrid.check(parse_patch(text), trial=False).tasks[0].operations
+        for text in (LED, LED.replace(", lead: 15 ms", ""))
+    ]
+    more = {name: of[0][name] - of[1][name] for name in of[0]}
+    assert more == {"add": 2, "multiply": 1, "divide": 0, "square_root": 0, "store": 1}

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import io
+import re
 from collections.abc import Callable
 
 import pytest
@@ -227,3 +228,10 @@ def test_sentences_are_whole_where_no_terminal_is(monkeypatch) -> None:
     sentence = "no prediction: " + "a word " * 40
     console().print(sentence)
     assert written.getvalue() == f"{sentence}\n"
+
+
+def test_modes_of_a_sweep_have_headings_of_their_own() -> None:
+    result = hybrid.sweep("pitch_loop", "cycle", ["100 ms", "300 ms"], machine="ideal", jobs=1)
+    (head,) = (line for line in printed(show_sweep, result, [], width=200) if "predicted" in line)
+    told = [f"predicted mode {k} {q}" for k in (1, 2) for q in ("zeta", "omega")]
+    assert re.findall(r"predicted mode \d \w+", head) == told

@@ -336,3 +336,34 @@ def test_a_height_beyond_the_standard_is_told_where_it_is_known_before_the_run()
         assert not hybrid.run(patch, {"h": inside}).status_note
         assert not hybrid.check(patch, {"h": inside}, trial=False).warnings
     assert "height = 86000.1 m, outside" in hybrid.run(patch, {"h": 86000.1}).status_note
+
+
+def test_such_heights_are_told_of_errors_and_of_the_processor_too():
+    """The errors of the machine and of a component, the operations' times, the full scale of a word."""
+    share = "density_us76(h)/density_us76(0)"
+    text = KNOWN.replace("density_us76(h)\nanalog", "1 kg/m^3\nanalog").replace(
+        "machine: ideal", f"machine: {{preset: ideal, tolerance: {share}}}"
+    )
+    text = text.replace("constant: density_us76(h),", f"constant: 0, offset: {share},")
+    text = text.replace("    y: density_us76(h)", "    y: 2*seen").replace(
+        "period: 10 ms",
+        "period: 10 ms\n"
+        "  compute_time: counted\n"
+        f"  processor: {{add: 1e-6*{share}, multiply: 0, divide: 0}}\n"
+        f'  word: {{fixed: 24, full_scale: "1e20*{share}"}}',
+    )
+    asks = "asks density_us76 for height = 200000 m, outside -5000 to 86000 (continued)"
+    patch = parse_patch(text, "known.yaml")
+    warnings = hybrid.check(patch, trial=False).warnings
+    told = [line for line in warnings if "asks" in line]
+    assert sorted(told) == sorted(
+        f"known.yaml:{line}: {what} {asks}"
+        for line, what in {
+            2: "tolerance of machine",
+            9: "offset of component 'air'",
+            16: "add of processor",
+            17: "full_scale of word of digital",
+        }.items()
+    )
+    assert "tolerance of machine asks" in hybrid.run(patch).status_note
+    assert "asks" not in "".join(hybrid.check(patch, {"h": 80e3}, trial=False).warnings)

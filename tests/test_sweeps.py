@@ -176,3 +176,22 @@ def test_a_long_sweep_begins_at_once_and_an_early_interrupt_keeps_what_is_done(
     assert again.points[0].seed == point.seed
     own = stream(0, "sweep", "rate", str(point.index)).integers(2**53)
     assert point.seed == own
+
+
+@pytest.mark.parametrize("values", ["10 ms:1 s:9:log", ["1 s", "300 ms", "100 ms", "30 ms"]])
+def test_the_pitch_mode_goes_on_where_another_root_is_nearer_to_the_ideal(values):
+    """z (z - 1)^2 + W^2/2 (z + 1) = 0: the pitch mode is the pair that grows, at every W; from W = 2 on
+    the root that began at z = 0 is a pair too, and nearer to i omega_p."""
+    result = hybrid.sweep("pitch_loop", "cycle", values, machine="ideal", jobs=1)
+    data = result.dataset
+    for i, period_s in enumerate(data["cycle"].values * 1e-3):
+        w = 10.0 * period_s
+        s = np.log(np.roots([1.0, -2.0, 1.0 + w * w / 2, w * w / 2]).astype(complex)) / period_s
+        (pitch,) = s[(s.real > 0) & (s.imag > 0)]
+        assert float(data["predicted_zeta"][i, 0]) == pytest.approx(
+            -pitch.real / abs(pitch), abs=1e-9
+        )
+        assert float(data["omega_ideal"][i, 0]) == 10.0
+        told = [m for m in result.to_dict()["points"][i]["modes"] if m["omega_ideal"] == 10.0]
+        assert [m["omega"] for m in told] == pytest.approx([abs(pitch)])
+    assert data.sizes["mode"] == 2 and np.isnan(data["omega_ideal"][:, 1]).all()

@@ -137,7 +137,9 @@ def _label(figure: Figure, lane: Lane, middle_in: float, end_in: float) -> None:
         lines.append((f"full scale ±{number(lane.full_scale)}", style.LIMIT_TEXT))
         share = (lane.high - lane.low) / (2 * lane.full_scale)
         if share < 0.999:
-            lines.append((f"lane shows {number(100 * share, 2)} % of it", style.LIMIT_TEXT))
+            # Of a lane away from 0 that is a width, not a part of the range around 0.
+            told = "lane shows {} % of it" if lane.low < 0 < lane.high else "lane {} % of it wide"
+            lines.append((told.format(number(100 * share, 2)), style.LIMIT_TEXT))
     for place, (text, color) in enumerate(lines):
         top_in = middle_in + 0.165 * (place - (len(lines) - 1) / 2)
         write(figure, end_in + 0.12, top_in, text, va="center", color=color, fontsize=8)

@@ -84,7 +84,8 @@ def strip_chart(
     foot = _footnotes(lanes, overloads, span_s)
     with style.chart_style():
         broken_off = record.attrs.get("status") in BROKEN_OFF
-        return _draw(time_s, lanes, spans, head, tables, foot, broken_off)
+        until_s = float(record.attrs.get("until_s", 0.0))
+        return _draw(time_s, lanes, spans, head, tables, foot, broken_off, until_s)
 
 
 # -- from the record to plain values ---------------------------------------------------------------
@@ -196,10 +197,12 @@ def _draw(
     tables: tuple[Sequence[TableRow], Sequence[TableRow]],
     foot: Sequence[str],
     broken_off: bool,
+    until_s: float,
 ) -> Figure:
     """Lay the chart out from the top, in inches: heading, lanes, time axis, tables, footnotes.
 
-    tables: of modes, under their headings, and of what other readouts say, which has none.
+    tables: of modes, under their headings, and of what other readouts say, which has none; until_s:
+    the end of the run, or 0 where the record does not say.
     """
     rows, readings = tables
     lane_in = min(max(9.0 / max(len(lanes), 1), 0.8), 1.35)
@@ -209,7 +212,7 @@ def _draw(
     foot_in = readings_in + (LINE_IN * len(readings) + 0.1 if readings else 0.0)
     figure = Figure(figsize=(WIDTH_IN, foot_in + LINE_IN * len(foot) + 0.1))
     style.draw_heading(figure, head)
-    limits = _time_limits(time_s, broken_off)
+    limits = _time_limits(time_s, until_s, broken_off)
     for place, lane in enumerate(lanes):
         top_in = head_in + place * (lane_in + GAP_IN)
         box_in = (LEFT_IN, top_in, WIDTH_IN - LEFT_IN - RIGHT_IN, lane_in)
@@ -231,13 +234,13 @@ def _draw(
     return figure
 
 
-def _time_limits(time_s: Floats, broken_off: bool) -> tuple[float, float]:
-    """Return the ends of the time axis (s); a record of one row or none still gets an axis, and
-    one that was broken off gets blank paper after its end.
+def _time_limits(time_s: Floats, until_s: float, broken_off: bool) -> tuple[float, float]:
+    """Return the ends of the time axis (s); a record of one row or none gets an axis to the end of the
+    run, and one that was broken off gets blank paper after its end.
     """
     start, end = (float(time_s[0]), float(time_s[-1])) if len(time_s) else (0.0, 1.0)
     if end <= start:
-        return start - 0.5, start + 0.5
+        return start, until_s if until_s > start else start + 1.0
     return start, end + (0.04 * (end - start) if broken_off else 0.0)
 
 

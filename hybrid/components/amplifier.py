@@ -11,7 +11,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 
 from hybrid.components.base import Core, Kind
-from hybrid.language import Bound, Holds, Key, Unit
+from hybrid.keys import Bound, Holds, Key, Unit
 
 
 class Amplify(Kind):

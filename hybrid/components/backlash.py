@@ -17,7 +17,7 @@ from hybrid import elements
 from hybrid.components.base import Core, Given
 from hybrid.components.nonlinear import SameUnit
 from hybrid.elements import Element
-from hybrid.language import Bound, Holds, Key, Unit
+from hybrid.keys import Bound, Holds, Key, Unit
 
 RATE_1_S = 1e6
 

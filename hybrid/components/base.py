@@ -22,7 +22,7 @@ from dataclasses import dataclass, field
 from typing import ClassVar
 
 from hybrid.elements import Element
-from hybrid.language import Key
+from hybrid.keys import Key
 from hybrid.units import Dimension
 
 

@@ -6,7 +6,7 @@ import math
 from collections.abc import Mapping
 
 from hybrid.components.base import Block, Core, Kind
-from hybrid.language import Bound, Holds, Key, Unit
+from hybrid.keys import Bound, Holds, Key, Unit
 
 DEFAULT_ORDER = 4
 

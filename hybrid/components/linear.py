@@ -6,7 +6,8 @@ import math
 from collections.abc import Mapping
 
 from hybrid.components.base import Core, Given, Kind
-from hybrid.language import LEAK, LEAK_LIMIT, Bound, Holds, Key, Unit
+from hybrid.keys import Bound, Holds, Key, Unit
+from hybrid.language import LEAK, LEAK_LIMIT
 
 
 class Sum(Kind):

@@ -19,7 +19,7 @@ from hybrid import elements
 from hybrid.components.base import Core, Given
 from hybrid.components.nonlinear import GAIN, Nonlinear
 from hybrid.elements import Element
-from hybrid.language import Bound, Holds, Key, Unit
+from hybrid.keys import Bound, Holds, Key, Unit
 from hybrid.units import Dimension
 
 # Where an amplifier in a feedback circuit stops, in full scales, if it has no `saturation`.

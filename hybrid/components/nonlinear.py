@@ -13,7 +13,8 @@ from hybrid import elements
 from hybrid.components.base import Core, Given, Kind, Step
 from hybrid.components.sources import BIAS, PERIOD, too_short
 from hybrid.elements import Element
-from hybrid.language import LEAK, LEAK_LIMIT, Bound, Holds, Key, Unit
+from hybrid.keys import Bound, Holds, Key, Unit
+from hybrid.language import LEAK, LEAK_LIMIT
 from hybrid.units import PURE, Dimension
 
 GAIN = Key("gain", Holds.QUANTITY, "factor of the result", Unit.ANY, default="1")

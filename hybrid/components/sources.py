@@ -10,7 +10,7 @@ import math
 from collections.abc import Mapping
 
 from hybrid.components.base import Core, Given, Kind, Oscillation, Step
-from hybrid.language import Bound, Holds, Key, Unit
+from hybrid.keys import Bound, Holds, Key, Unit
 from hybrid.scale import to_ticks
 
 

@@ -2,19 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
-
 from hybrid.components import CATALOG
 from hybrid.dimensions import dimension_of
 from hybrid.errors import PatchError, quoted
 from hybrid.expressions import to_text
-from hybrid.fields import in_words, value_of
-from hybrid.language import FULL_SCALE
+from hybrid.fields import in_words
 from hybrid.patch import Component, Dac, Program, Value
 from hybrid.patchfile.book import Book
-from hybrid.patchfile.parts import Connection
-from hybrid.units import PURE, TIME, Dimension
-from hybrid.yamltree import Table
+from hybrid.units import PURE, TIME
 
 
 def check_cords(
@@ -40,43 +35,6 @@ def check_cords(
                 f"by its full_scale it must be {in_words(dac.dimension, dac.unit)}",
                 dac.place,
             )
-
-
-def check_inputs(book: Book, connections: Iterable[Connection]) -> None:
-    """What is connected to an analog input of a part is an analog signal."""
-    for one in connections:
-        if isinstance(one.stand_in, Table):
-            book.require_analog(one.name, f"{one.what} is", one.place)
-
-
-def check_connections(
-    book: Book, connections: Iterable[Connection], program: Program | None
-) -> None:
-    """What is connected to an input of a part has the unit of what stands in for the input."""
-    words = {a.word: a.dimension for a in program.assignments} if program else {}
-    for one in connections:
-        analog = book.scales.get(one.name)
-        found = analog.dimension if analog else words[one.name]
-        wanted = _stand_in_dimension(book, one)
-        if None not in (found, wanted) and found != wanted:
-            raise PatchError(
-                f"{one.what} must be {in_words(wanted or PURE)}; what is connected to it is "
-                f"{in_words(found or PURE)}",
-                one.place,
-            )
-
-
-def _stand_in_dimension(book: Book, one: Connection) -> Dimension | None:
-    """Dimension of an input by itself; None where it may be any."""
-    tree = one.stand_in
-    scope = dict(book.scope)
-    if isinstance(tree, Table):
-        if FULL_SCALE.name not in tree.entries:
-            raise PatchError(f"{one.what} has no full_scale; add full_scale: VALUE", tree.place)
-        tree = tree.entries[FULL_SCALE.name]
-    else:
-        scope |= dict.fromkeys(book.signals)  # the unit of a word may be anything
-    return value_of(tree, one.what, scope)[1]
 
 
 def _check_result(book: Book, component: Component) -> None:

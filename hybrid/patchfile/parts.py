@@ -13,6 +13,7 @@ from hybrid.errors import PatchError, Place, did_you_mean, quoted
 from hybrid.fields import check_name, only_keys, table_of
 from hybrid.language import MACHINES, PART_KEYS
 from hybrid.parsing import NAME_IN_TEXT
+from hybrid.patchfile.connections import Connection
 from hybrid.patchfile.definitions import (
     OF_TASKS,
     SECTIONS,
@@ -30,16 +31,6 @@ from hybrid.yamltree import Table, Text, Tree, kind_of
 MOST_PARTS = 200  # of a patch, with the parts of parts
 DEEPEST_PARTS = 8
 LONGEST_NAME = 200  # of a signal in a part of a part; the file format of records takes 256
-
-
-@dataclass(frozen=True, slots=True)
-class Connection:
-    """An input of a part and what is connected to it."""
-
-    what: str  # "input 'moment' of part 'wheel' (wheel.yaml:3)"
-    stand_in: Tree  # what the input is in the sub-patch by itself, by the whole patch's names
-    name: str  # the analog signal that is connected, or the word that the input becomes
-    place: Place  # where it is connected
 
 
 @dataclass(frozen=True, slots=True)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import functools
 from collections.abc import Container, Iterable, Mapping, Sequence
 from dataclasses import replace
 
@@ -25,6 +24,7 @@ from hybrid.language import COUNTED, FULL_SCALE, PROCESSOR_KEYS, TASK_KEYS, Key
 from hybrid.parsing import parse
 from hybrid.patch import Assignment, ProcessorSettings, Program, State, Task, Value
 from hybrid.patchfile.book import Book, Role, digital_keys, tasks_of
+from hybrid.patchfile.connections import WordInputs
 from hybrid.patchfile.homes import ONLY, Habits
 from hybrid.patchfile.models import check_input, model_names, model_words, refuse_model_name
 from hybrid.patchfile.shownunits import read_shown_units
@@ -42,8 +42,8 @@ from hybrid.yamltree import Table, Text, Tree
 Remembered = Mapping[str, tuple[Value, Dimension | None]]
 
 
-def read_program(book: Book) -> Program | None:
-    """The digital machine, or None where the patch has none."""
+def read_program(book: Book, inputs: WordInputs) -> Program | None:
+    """The digital machine, or None where the patch has none; inputs: of parts, which are words."""
     digital = book.section("digital")
     if digital is None:
         return None
@@ -66,7 +66,7 @@ def read_program(book: Book) -> Program | None:
     order = tuple(word for words in orders for word in words)
     remember = _remember(book, digital, written, states)
     in_order = {word: written[word] for word in order}
-    dimensions = _word_dimensions(book, in_order, states, remember, len(programs))
+    dimensions = _word_dimensions(book, inputs, in_order, states, remember, len(programs))
     tasks = _tasks(book, digital, orders, integrated, processor)
     computed = [frozenset((*own, *p)) for own, p in zip(integrated, programs, strict=True)]
     all_words = frozenset((*written, *states))
@@ -379,6 +379,7 @@ def _remember(
 
 def _word_dimensions(
     book: Book,
+    inputs: WordInputs,
     written: Mapping[str, Assignment],
     states: Mapping[str, State],
     remember: Remembered,
@@ -392,7 +393,12 @@ def _word_dimensions(
     for word, (_, dimension) in remember.items():
         # A bare first value says nothing about the unit.
         scope[word] = None if dimension is None or dimension.is_pure else dimension
-    settle_dimensions(written, states, scope, functools.partial(check_input, book), programs)
+
+    def fitted(entry: Assignment, found: Dimension | None) -> Dimension | None:
+        check_input(book, entry.word, found)
+        return inputs.dimension(entry, found)
+
+    settle_dimensions(written, states, scope, fitted, programs)
     for word, (_, stated) in remember.items():
         if stated and not stated.is_pure and scope[word] not in (None, PURE, stated):
             raise PatchError(

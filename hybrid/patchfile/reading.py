@@ -10,7 +10,8 @@ from hybrid.language import TOP_KEYS
 from hybrid.patch import Component, Dac, Patch, Value
 from hybrid.patchfile.analog import read_components, read_machine, read_time_scale
 from hybrid.patchfile.book import Book
-from hybrid.patchfile.cords import check_connections, check_cords, check_inputs
+from hybrid.patchfile.connections import WordInputs, check_inputs, check_signals
+from hybrid.patchfile.cords import check_cords
 from hybrid.patchfile.interface import read_adcs, read_dacs
 from hybrid.patchfile.leads import with_leads
 from hybrid.patchfile.models import read_models
@@ -64,8 +65,9 @@ def parse_patch(text: str, file: str = "<text>", on: Placement = None) -> Patch:
     components = read_components(book)
     dacs = read_dacs(book)
     adcs = read_adcs(book)
-    parameters, program = with_task_times(book, parameters, read_program(book))
-    check_connections(book, flat.connections, program)
+    program = read_program(book, WordInputs(book, flat.connections))
+    parameters, program = with_task_times(book, parameters, program)
+    check_signals(book, flat.connections)
     check_cords(book, components, dacs, program)
     full_scales = read_full_scales(book, program)
     patch = Patch(

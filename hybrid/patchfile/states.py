@@ -98,20 +98,21 @@ def settle_dimensions(
     written: Mapping[str, Assignment],
     states: Mapping[str, State],
     scope: Dimensions,
-    check: Callable[[str, Dimension | None], None],
+    fitted: Callable[[Assignment, Dimension | None], Dimension | None],
     programs: int,
 ) -> None:
     """Find the dimension of every word and state, in `scope`; raises PatchError where two conflict.
 
     written: in the order in which they are computed. A word may use its own last value, and a state has
     the dimension of its rate times a time, and words of tasks may use those of each other, so it takes
-    passes until nothing new is found. check: of each word, may refuse its dimension.
+    passes until nothing new is found. fitted: what a word's dimension is where its arithmetic has the
+    given one, which it may refuse.
     """
     for _ in range(len(states) + programs + 1):
         before = dict(scope)
         for word, assignment in written.items():
             found = _dimension(assignment.expr, scope, f"word {known_as(word)!r}", assignment.place)
-            check(word, found)
+            found = fitted(assignment, found)
             scope[word] = found if found is not None else scope[word]
         for name, state in states.items():
             rate = _dimension(state.expr, scope, f"integrate of state {name!r}", state.place)
