@@ -2,6 +2,8 @@
 
 import json
 import math
+import subprocess
+import sys
 from pathlib import Path
 
 import pytest
@@ -476,3 +478,24 @@ def test_the_rate_test_passes_machines_within_their_limits(name, machine):
     for serial in range(3):
         found = hybrid.check(name, machine=machine, serial=serial, trial=False)
         assert [row.integrator for row in found.rates if row.fails] == []
+
+
+PLAYS_NOTHING = (
+    """
+import hybrid
+from hybrid.engine import relaxation
+
+text = """
+    + repr(LEVELS)
+    + """
+found = hybrid.check(hybrid.parse_patch(text), trial=False)
+print(found.scaling[0].value_mu, len(relaxation.advance.signatures))
+"""
+)
+
+
+def test_values_at_the_start_do_not_take_the_engine():
+    """Nothing integrates, so that no window is to be played, and what plays them is not compiled."""
+    order = [sys.executable, "-c", PLAYS_NOTHING]
+    done = subprocess.run(order, capture_output=True, text=True, check=True)
+    assert done.stdout.split() == ["0.5", "0"]
