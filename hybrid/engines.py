@@ -70,7 +70,10 @@ def _refuse_modes(machine: Machine, engine: str) -> None:
     places = [c.place for c in switched] or [patch.run.until.place]
     if patch.leaves_op or switched:
         place = patch.modes.place if patch.modes else places[0]
-        raise PatchError(f"the {engine} engine plays no modes; take nonlinear", place)
+        who = "the machine leaves OP" if patch.leaves_op else f"{switched[0].name} has its own"
+        raise PatchError(
+            f"the {engine} engine plays no modes (IC, HOLD), and {who}; take nonlinear", place
+        )
 
 
 def _saturates(machine: Machine) -> bool:

@@ -44,7 +44,7 @@ def count_parts(machine: Machine, settings: Sequence[Setting]) -> tuple[Part, ..
     Components are counted by what they are drawn as. A setting of exactly 1 is a plain cord. A signal
     that anything takes with a negative coefficient needs one inverter (real summers and integrators
     invert besides; this machine's do not), and a `coefficient` above 1 an amplifier besides its
-    potentiometer.
+    potentiometer. What is above 1 of a multiplier's factor is the gain of an input that reads it.
     """
     patch = machine.patch
     found = Counter(CATALOG[c.kind].symbol for c in patch.components)

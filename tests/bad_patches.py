@@ -149,6 +149,51 @@ UNITS = [
     ),
     Wrong("word", "-omega**2 *", "-omega *", ("'demand'", "a rate", "in rad/s^2"), "  torque:"),
     Wrong("word, sum", "-omega**2 *", "-omega**2 + cycle *", ("'demand'", "1/s^2"), "demand:"),
+    Wrong(
+        "threshold",
+        ANGLE,
+        ANGLE + "  part: {compare: {volts: 1}, threshold: 3 m, high: 1, full_scale: 1}\n",
+        ("threshold of component 'part' is '3 m'", "must be in V"),
+        at="part:",
+    ),
+    Wrong(
+        "hysteresis",
+        ANGLE,
+        ANGLE
+        + "  part: {compare: {volts: 2, wind: -1}, hysteresis: 10 ms, high: 1, full_scale: 1}\n",
+        ("hysteresis of component 'part'", "must be in V"),
+        at="part:",
+    ),
+    Wrong(
+        "threshold, by coefficient",
+        ANGLE,
+        ANGLE
+        + "  part: {compare: {volts: 2 m/V, wind: 1}, threshold: 1 V, high: 1, full_scale: 1}\n",
+        ("threshold of component 'part'", "must be in m"),
+        at="part:",
+    ),
+    Wrong(
+        "compared",
+        ANGLE,
+        ANGLE + "  part: {compare: {volts: 2 m/V, wind: 3 s/V}, high: 1, full_scale: 1}\n",
+        ("coefficient of 'wind'", "makes it a time", "added to is in m"),
+        at="part:",
+    ),
+    Wrong(
+        "point",
+        ANGLE,
+        ANGLE + "  part: {function: volts, points: {0 V: 0, 1 m: 1}, full_scale: 1}\n",
+        ("input of point '1 m' of component 'part'", "reads 'volts'", "in V"),
+        at="part:",
+    ),
+    Wrong(
+        "rounding",
+        ANGLE,
+        ANGLE
+        + "  part: {function: volts, points: {0: 0, 1: 1, 2: 0}, rounding: 1 s, full_scale: 1}\n",
+        ("rounding of component 'part'", "in V"),
+        at="part:",
+    ),
     Wrong("unit", "full_scale: 1 V}", "full_scale: 1 V, unit: rad}", ("'rad'", "full_scale")),
     Wrong("unit unknown", "full_scale: 1 V}", "full_scale: 1 V, unit: vlt}", ("'vlt'", "volt")),
     Wrong("unit with number", "full_scale: 1 V}", "full_scale: 1 V, unit: 5 V}", ("unit",)),

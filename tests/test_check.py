@@ -2,6 +2,8 @@
 
 import json
 import math
+import subprocess
+import sys
 from pathlib import Path
 
 import pytest
@@ -250,19 +252,28 @@ analog:
   kept: {limit: sq, low: -0.5, high: 1, full_scale: 4}
   p: {multiply: [c, sq], quarter_square: 23, full_scale: 0.8}
   whole: {multiply: [c, sq], quarter_square: 23, full_scale: 8}
+  share: {divide: [sq, c], gain: 0.1, full_scale: 4}
+  root: {square_root: c, gain: -2, full_scale: 2}
 run: {until: 10 ms, every: 1 ms}
 """
 
 
 def test_levels_by_hand():
-    """Both inputs of the relay are 2 at full scale, so 1 each, and its figures of 2; limits of 4."""
+    """Both inputs of the relay are 2 at full scale, so 1 each, and its figures of 2; limits of 4.
+
+    Results of machine units are multiplied by 2 * 4 / 0.8, by 1 (no row), by 0.1 * (4 / 2) / 4 and by
+    -2 sqrt(2) / 2. One of 10 is an input of 10 of what reads it, and no potentiometer.
+    """
     found, _ = checked(LEVELS, trial=False)
     shown = {(p.component, p.input): p.coefficient_mu for p in found.pots}
     expected = {("c", "(reference)"): 0.5}
     expected |= {("relay", "c"): 1.0, ("relay", "sq"): 1.0, ("relay", "(high)"): 0.5}
     expected |= {("relay", "(threshold)"): 0.15, ("relay", "(hysteresis)"): 0.05}
     expected |= {("kept", "(low)"): -0.125, ("kept", "(high)"): 0.25}
+    expected |= {("p", "(gain)"): 10.0, ("share", "(gain)"): 0.05, ("root", "(gain)"): -(2**0.5)}
     assert shown == pytest.approx(expected)
+    # c, the relay's three figures, both limits, share and root.
+    assert {p.part: p.count for p in found.parts}["potentiometer"] == 8
 
 
 def test_squarers_that_err_by_more_of_their_full_scale():
@@ -467,3 +478,24 @@ def test_the_rate_test_passes_machines_within_their_limits(name, machine):
     for serial in range(3):
         found = hybrid.check(name, machine=machine, serial=serial, trial=False)
         assert [row.integrator for row in found.rates if row.fails] == []
+
+
+PLAYS_NOTHING = (
+    """
+import hybrid
+from hybrid.engine import relaxation
+
+text = """
+    + repr(LEVELS)
+    + """
+found = hybrid.check(hybrid.parse_patch(text), trial=False)
+print(found.scaling[0].value_mu, len(relaxation.advance.signatures))
+"""
+)
+
+
+def test_values_at_the_start_do_not_take_the_engine():
+    """Nothing integrates, so that no window is to be played, and what plays them is not compiled."""
+    order = [sys.executable, "-c", PLAYS_NOTHING]
+    done = subprocess.run(order, capture_output=True, text=True, check=True)
+    assert done.stdout.split() == ["0.5", "0"]

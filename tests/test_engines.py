@@ -235,6 +235,27 @@ def test_engines_that_do_not_fit():
         run(compile_patch(patch, as_circuit=True), engine="exact")
 
 
+OWN_MODE = """
+title: An integrator that resets itself
+analog:
+  x: {integrate: {one: 1}, initial: 0, reset_when: done, full_scale: 1}
+  one: {constant: 1, full_scale: 1}
+  done: {compare: {x: 1}, threshold: 0.5, high: 1, full_scale: 1}
+run: {until: 1 s, every: 0.1 s}
+"""
+
+
+@pytest.mark.parametrize("engine", ["reference", "exact"])
+def test_which_part_leaves_op(engine):
+    told = rf"the {engine} engine plays no modes \(IC, HOLD\), and"
+    with pytest.raises(
+        PatchError, match=rf"shooting.yaml:\d+: {told} the machine leaves OP; take non"
+    ):
+        run("shooting", engine=engine)
+    with pytest.raises(PatchError, match=rf":4: {told} x has its own; take nonlinear"):
+        run(hybrid.parse_patch(OWN_MODE), engine=engine)
+
+
 def test_the_command(tmp_path, monkeypatch, capsys):
     monkeypatch.chdir(tmp_path)
     order = ["run", "pitch_loop", "--until", "5 ms", "--no-chart", "--engine"]

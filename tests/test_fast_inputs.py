@@ -47,6 +47,107 @@ def test_crossings_at_the_very_instants_of_the_record():
     assert abs(run.record["y"].values).max() < 1e-8
 
 
+@pytest.mark.parametrize(
+    ("fast", "until", "every"), [("60 MHz", "100 us", "10 us"), ("10 GHz", "1 us", "0.1 us")]
+)
+def test_a_sine_of_many_turns_is_found_again(fast, until, every):
+    """The last digit of its angle, 4e-12 and 8e-12 rad, is more than a corner is located to."""
+    text = DRIVEN.replace("0.1 ms, every: 10 us", f"{until}, every: {every}")
+    run = hybrid.run(hybrid.parse_patch(text), {"fast": fast}, machine="ideal")
+    assert (run.status, run.status_note) == ("complete", "")
+    t = run.record["time"].values
+    assert run.record["x"].values == pytest.approx(2000 / math.pi * t, abs=1e-8)
+    assert abs(run.record["y"].values).max() < 1e-8
+
+
+FORCED = """
+title: A pulse-width modulator in a loop
+machine: lags
+parameters: {fast: 10 MHz, wanted: 0.3}
+analog:
+  carrier: {sine: 1, frequency: fast, full_scale: 1, tau: 0}
+  demand: {constant: wanted, full_scale: 1}
+  x: {integrate: {demand: 5000 1/s, u: -5000 1/s}, initial: 0, full_scale: 1}
+  gap: {sum: {x: 1, carrier: -1}, full_scale: 2, tau: TAU}
+  u: {compare: {gap: 1}, high: 1, low: -1, full_scale: 1}
+run: {until: 200 us, every: 50 us}
+"""
+
+
+@pytest.mark.parametrize("tau", ["0", "0.1 us"])
+def test_a_relay_in_a_loop_that_is_forced_does_not_chatter(tau):
+    """20 changes in each lag of 1 us, and the loop goes on where its carrier alone would go.
+
+    The relay is high for 1/2 + asin(x / A) / pi of a period, A = 1 / |1 + j omega tau|, so its mean is
+    m = 2 asin(x / A) / pi, and x' = 5000 (wanted - m) 1/s. Lags of 2 us at most delay x by
+    5000 * 0.3 * 2e-6, and its ripple is below 5000 / 10e6.
+    """
+    run = hybrid.run(hybrid.parse_patch(FORCED.replace("TAU", tau)))
+    assert (run.status, run.status_note) == ("complete", "")
+    size = 1.0 / math.hypot(1.0, 2 * math.pi * 10e6 * (0.0 if tau == "0" else 0.1e-6))
+    x, steps = [0.0], 1000
+    for _ in range(4 * steps):
+        mean = 2 * math.asin(min(x[-1] / size, 1.0)) / math.pi
+        x.append(x[-1] + 50e-6 / steps * 5000 * (0.3 - mean))
+    assert run.record["x"].values == pytest.approx(x[::steps], abs=5e-3)
+
+
+def test_a_forced_relay_does_not_chatter_in_the_reference_either():
+    """The same a thousand times as slow; 80 changes of the relay, 10 in each of its lags."""
+    text = FORCED.replace("TAU", "0.1 ms").replace("200 us, every: 50 us", "8 ms, every: 4 ms")
+    text = text.replace("machine: lags", "machine: {preset: ideal, tau: 1 ms}")
+    text = text.replace("5000", "5").replace("10 MHz", "5 kHz")
+    run = hybrid.run(hybrid.parse_patch(text), engine="reference")
+    assert (run.status, run.status_note) == ("complete", "")
+
+
+SLIDING = """
+title: A relay that slides, beside what goes to and fro outside
+machine: lags
+analog:
+  aside: {sine: 0.01, frequency: FAST, full_scale: 1}
+  x: {integrate: {u: 50 1/s, aside: 10 1/s}, initial: 0, full_scale: 1}
+  u: {compare: {x: -1}, high: 1, low: -1, full_scale: 1}
+run: {until: 2 ms, every: 1 ms}
+"""
+
+
+@pytest.mark.parametrize("fast", ["1 kHz", "30 kHz", "120 kHz"])
+def test_what_is_not_forced_chatters_whatever_goes_on_outside(fast):
+    """Two lags swing at 1 / tau, 159 kHz, as they do alone: the sine is too weak to lead."""
+    run = hybrid.run(hybrid.parse_patch(SLIDING.replace("FAST", fast)))
+    said = re.match(r"u chatters from \S+ s on, (\d+) changes as fast as", run.status_note)
+    assert said is not None, run.status_note
+    assert 64 < int(said[1]) < 2e-3 * 2 * 159e3 * 1.1
+
+
+TURNING = """
+title: An angle that its loop holds where it jumps
+machine: MACHINE
+analog:
+  y: {integrate: {way: RATE}, initial: 0.1, full_scale: 1}
+  back: {constant: BACK, full_scale: 1}
+  across: {sum: {y: BACK}, full_scale: 1}
+  way: {atan2: [across, back], full_scale: 4}
+run: {until: 4 ms, every: 1 ms}
+"""
+
+
+def test_advice_for_an_angle_that_jumps_where_its_loop_holds_it():
+    """At half a turn the loop slides; with both inputs inverted it rests at angle 0, and stays there."""
+    text = TURNING.replace("RATE", "100 1/s").replace("BACK", "-1")
+    cure = "its angle jumps at half a turn, where the loop holds it; invert both its inputs"
+    note = hybrid.run(hybrid.parse_patch(text.replace("MACHINE", "lags"))).status_note
+    assert note.startswith("way chatters from ") and cure in note and "hysteresis" not in note
+    stopped = hybrid.run(hybrid.parse_patch(text.replace("MACHINE", "ideal")))
+    assert stopped.status == "stopped"
+    assert stopped.status_note.endswith(
+        f"way chatters: {cure}, which makes that angle 0, or give what it drives a lag"
+    )
+    turned = TURNING.replace("RATE", "-100 1/s").replace("BACK", "1").replace("MACHINE", "lags")
+    assert hybrid.run(hybrid.parse_patch(turned)).status_note == ""
+
+
 def test_a_relay_in_a_loop_still_chatters():
     """The same comparator, fed by what it drives."""
     text = DRIVEN.replace("{compare: {wave: 1}", "{compare: {y: -1}").replace("0.1 ms", "1 ms")

@@ -130,6 +130,10 @@ def _component_examples() -> Iterator[object]:
                     continue  # the example is meant for omega
                 if key == "frequency":
                     entries["frequency"] = "2 Hz"
+                if kind["title"] == "pulse" and key == "duty":
+                    entries["period"] = "1 s"
+                elif kind["title"] == "pulse":
+                    entries["width"] = "1 ms"
                 if key == "full_scale" and example == 1:
                     entries = {k: 0.1 if v == "0.1 rad" else v for k, v in entries.items()}
                 yield pytest.param(entries, id=f"{kind['title']}, {key}: {example}")

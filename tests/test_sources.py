@@ -193,7 +193,13 @@ def test_a_wave_that_never_falls_in_with_the_clock(columns):
         ("ramp: 1 V", "must be a rate"),
         ("pulse: 1 V, at: 0 s, width: 1 s", "pulse of component 'x' is '1 V'"),
         ("pulse: 1, at: -1 s, width: 1 s", "must be 0 or greater"),
-        ("pulse: 1, at: 1 s", "has no width; add width:"),
+        ("pulse: 1, at: 1 s", "give either width, such as 10 ms, or duty"),
+        ("pulse: 1, at: 1 s, width: 1 s, duty: 0.5", "give either width, such as 10 ms, or duty"),
+        ("pulse: 1, at: 1 s, duty: 0.5", "duty is a share of its period; give period"),
+        ("pulse: 1, at: 1 s, duty: 1, period: 1 s", "has duty 1, which is not below 1"),
+        ("square: 1, period: 1 s, duty: 120 %", "has duty 1.2, which is not below 1"),
+        ("square: 1, period: 1 s, duty: 1e-17", "below the resolution of time"),
+        ("square: 1, period: 1 s, duty: 1 ms", "duty of component 'x' is '1 ms'"),
         ("square: 1, period: 0 s", "must be greater than 0"),
         ("sawtooth: 1", "has no period; add period:"),
         ("ramp: 1e30", "a gain or rate of 1e[+]30"),
@@ -202,6 +208,40 @@ def test_a_wave_that_never_falls_in_with_the_clock(columns):
 def test_wrong_figures_are_told(wrong, told):
     with pytest.raises(PatchError, match=told):
         build_timeline(compile_patch(parse_patch(patch(f"x: {{{wrong}, full_scale: 1}}"))))
+
+
+@pytest.mark.parametrize("duty", [0.3, 0.72])
+@pytest.mark.parametrize("turn", [0.0, 0.25, 0.5, -0.1])
+def test_duty_of_a_square_wave(duty, turn, columns):
+    """Plus from where its phase is a whole number of turns, for `duty` of the period; exact areas."""
+    t, found = columns(
+        patch(
+            f"q: {{square: 2, period: 0.4 s, phase: {360 * turn} deg, duty: {duty}, bias: 0.5,"
+            " full_scale: 3}",
+            "area: {integrate: {q: 1}, initial: 0, full_scale: 2}",
+            run="until: 2 s, every: 0.03 s",
+        )
+    )
+    first = round(1000 * turn) % 1000
+    at = 75 * np.arange(len(t)) + first  # thousandths of a period
+    assert np.array_equal(found["q"], np.where(at % 1000 < 1000 * duty, 2.5, -1.5))
+    plus = at // 1000 * duty + np.minimum(at % 1000 / 1000, duty) - min(first / 1000, duty)
+    np.testing.assert_allclose(found["area"], 0.4 * 4 * plus - 1.5 * t, rtol=0, atol=1e-14)
+
+
+def test_duty_of_a_pulse_is_its_width(columns):
+    given = "period: 0.35 s, before: -1, full_scale: 2"
+    _, found = columns(
+        patch(
+            f"p: {{pulse: 2, at: 0.1 s, duty: 20 %, {given}}}",
+            f"q: {{pulse: 2, at: 0.1 s, width: 70 ms, {given}}}",
+            "a: {integrate: {p: 1}, initial: 0, full_scale: 2}",
+            "b: {integrate: {q: 1}, initial: 0, full_scale: 2}",
+        )
+    )
+    assert np.array_equal(found["p"], found["q"])
+    np.testing.assert_allclose(found["a"], found["b"], rtol=0, atol=4e-15)
+    assert set(found["p"]) == {-1.0, 2.0}
 
 
 def sawtooth_at(t, period):
@@ -220,6 +260,18 @@ def test_sawtooth():
     np.testing.assert_allclose(found["w"], 0.5 + 3 * (k % 8 / 4 - 1), rtol=0, atol=1e-13)
     before = np.where((k % 8 == 0) & (k > 0), 3.5, found["w"])  # at the edge: the top
     np.testing.assert_allclose(found["seen"], before, rtol=0, atol=1e-13)
+
+
+@pytest.mark.parametrize("turn", [0.25, 0.5, -0.1])
+def test_phase_of_a_sawtooth(turn):
+    text = patch(
+        f"w: {{sawtooth: 3, period: 0.4 s, phase: {360 * turn} deg, bias: 0.5, full_scale: 4}}",
+        run="until: 2 s, every: 0.03 s",
+    )
+    result = run(compile_patch(parse_patch(text)))
+    at = 75 * np.arange(len(result.rows)) + round(1000 * turn)  # thousandths of a period
+    expected = 0.5 + 3 * sawtooth_at(at % 1000 / 1000, 1.0)
+    np.testing.assert_allclose(result.rows[:, 0], expected, rtol=0, atol=1e-13)
 
 
 def test_sawtooth_does_not_drift_over_1e5_periods():

@@ -25,6 +25,8 @@ from hybrid.units import Dimension
 # Where an amplifier in a feedback circuit stops, in full scales, if it has no `saturation`.
 AMPLIFIER_STOPS = 1.5
 OPEN_GAIN, BANDWIDTH_RAD_S = 1e5, 1e6
+# What rounding makes of a factor of 1.
+ROUNDED = 1e-14
 
 FEEDBACK_KEYS = (
     Key(
@@ -92,9 +94,20 @@ class Multiply(Nonlinear):
             for name, sign in ((":plus", 1.0), (":minus", -1.0))
         }
 
+    def settings(self, given: Given) -> Mapping[str, float]:
+        """The factor of the product of machine units, which is what a multiplier gives."""
+        a, b = given.signals
+        return gain_setting(given, given.scales[a] * given.scales[b])
+
     def result(self, inputs: tuple[Dimension, ...]) -> Dimension:
         """Dimension of the product."""
         return inputs[0] * inputs[1]
+
+
+def gain_setting(given: Given, natural: float) -> dict[str, float]:
+    """What a result, `natural` at full scale of its inputs, is still multiplied by where not by 1."""
+    factor = given.values.get("gain", 1.0) * natural / given.full_scale
+    return {} if math.isclose(factor, 1.0, rel_tol=ROUNDED) else {"(gain)": factor}
 
 
 def _half_sum(given: Given, sign: float) -> dict[str, float]:
@@ -169,6 +182,11 @@ class Divide(InFeedback):
         product = Element(elements.PRODUCT, denominator, second={":amplifier": 1.0})
         return {":product": product, ":amplifier": self.amplifier(given, {a: wanted}, 1.0, -1.0)}
 
+    def settings(self, given: Given) -> Mapping[str, float]:
+        """The factor of the quotient of machine units."""
+        a, b = given.signals
+        return gain_setting(given, given.scales[a] / given.scales[b])
+
     def result(self, inputs: tuple[Dimension, ...]) -> Dimension:
         """Dimension of the quotient."""
         return inputs[0] / inputs[1]
@@ -199,6 +217,10 @@ class SquareRoot(InFeedback):
         square = Element(elements.PRODUCT, {":amplifier": 1.0}, second={":amplifier": 1.0})
         drive = {given.signals[0]: wanted}
         return {":product": square, ":amplifier": self.amplifier(given, drive, 2.0, 0.0)}
+
+    def settings(self, given: Given) -> Mapping[str, float]:
+        """The factor of the root of machine units."""
+        return gain_setting(given, math.sqrt(given.scales[given.signals[0]]))
 
     def result(self, inputs: tuple[Dimension, ...]) -> Dimension:
         """Dimension of the root."""

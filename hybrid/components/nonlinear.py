@@ -11,7 +11,7 @@ from collections.abc import Mapping
 
 from hybrid import elements
 from hybrid.components.base import Core, Given, Kind, Step
-from hybrid.components.sources import BIAS, PERIOD, too_short
+from hybrid.components.sources import BIAS, PERIOD, PHASE, place_at_start, too_short
 from hybrid.elements import Element
 from hybrid.keys import Bound, Holds, Key, Unit
 from hybrid.language import LEAK, LEAK_LIMIT
@@ -282,19 +282,22 @@ class Sawtooth(Nonlinear):
     passes_jumps = False
     doc = "a sawtooth wave that rises from minus to plus its amplitude in every period"
     main = Key("sawtooth", Holds.QUANTITY, "amplitude", Unit.OWN, required=True)
-    keys = (PERIOD, BIAS)
+    keys = (PERIOD, PHASE, BIAS)
 
     def core(self, values: Mapping[str, float], gains: Mapping[str, float]) -> Core:
         """The square wave, of one full scale."""
-        period = values["period"]
-        steps = Step(-1.0, period, 2 * period), Step(1.0, 2 * period, 2 * period)
+        period, first = values["period"], 1.0 - place_at_start(values)  # when it falls first
+        steps = (
+            Step(-1.0, first * period, 2 * period),
+            Step(1.0, (first + 1.0) * period, 2 * period),
+        )
         return Core(steps=steps, held=1.0)
 
     def inner(self, given: Given) -> Mapping[str, Element]:
         """The triangle, from -1 to 1 and back, and its product with the square wave."""
-        rate = 2.0 / given.values["period"]
+        rate, begins = 2.0 / given.values["period"], 2.0 * place_at_start(given.values) - 1.0
         return {
-            ":triangle": Element(elements.INTEGRATE, {":source": rate}, initial=-1.0),
+            ":triangle": Element(elements.INTEGRATE, {":source": rate}, initial=begins),
             ":wave": Element(elements.PRODUCT, {":source": 1.0}, second={":triangle": 1.0}),
         }
 

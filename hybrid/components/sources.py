@@ -71,6 +71,7 @@ class Ramp(Kind):
 
 
 PERIOD = Key("period", Holds.QUANTITY, "its period", Unit.TIME, Bound.POSITIVE, required=True)
+PHASE = Key("phase", Holds.QUANTITY, "phase at t = 0", Unit.PURE, default="0 rad")
 BIAS = Key("bias", Holds.QUANTITY, "mean value", Unit.OWN, default="0")
 
 
@@ -83,7 +84,14 @@ class Pulse(Kind):
     main = Key("pulse", Holds.QUANTITY, "value during the pulse", Unit.OWN, required=True)
     keys = (
         Key("at", Holds.QUANTITY, "when it begins", Unit.TIME, Bound.NOT_NEGATIVE, required=True),
-        Key("width", Holds.QUANTITY, "how long it lasts", Unit.TIME, Bound.POSITIVE, required=True),
+        Key("width", Holds.QUANTITY, "how long it lasts", Unit.TIME, Bound.POSITIVE),
+        Key(
+            "duty",
+            Holds.QUANTITY,
+            "share of its period for which it lasts, instead of width",
+            Unit.PURE,
+            Bound.POSITIVE,
+        ),
         Key(
             "period",
             Holds.QUANTITY,
@@ -99,11 +107,26 @@ class Pulse(Kind):
         """w = pulse for at + k period <= t < at + k period + width, else before."""
         before, at, period = values.get("before", 0.0), values["at"], values.get("period", 0.0)
         up = Step(values["pulse"] - before, at, period)
-        return Core(constant=before, steps=(up, Step(0.0, at + values["width"], period)))
+        return Core(constant=before, steps=(up, Step(0.0, at + self._width(values), period)))
+
+    def complaint(self, values: Mapping[str, object]) -> str:
+        """Exactly one of width and duty, and duty only of what comes again."""
+        if ("width" in values) == ("duty" in values):
+            return "give either width, such as 10 ms, or duty, such as 0.3 of its period"
+        if "duty" in values and "period" not in values:
+            return "duty is a share of its period; give period, or width in place of duty"
+        return ""
+
+    @staticmethod
+    def _width(values: Mapping[str, float]) -> float:
+        """How long it lasts."""
+        return values["width"] if "width" in values else values["duty"] * values["period"]
 
     def unsuitable(self, given: Given) -> str:
         """A pulse must last, and end before the next."""
-        width, period = given.values["width"], given.values.get("period", math.inf)
+        width, period = self._width(given.values), given.values.get("period", math.inf)
+        if given.values.get("duty", 0.0) >= 1.0:
+            return f"has duty {given.values['duty']:g}, which is not below 1"
         if not to_ticks(given.values["at"] + width) > to_ticks(given.values["at"]):
             return f"has width {width:g} s, below the resolution of time"
         return "" if width < period else f"has width {width:g} s, not below its period {period:g} s"
@@ -118,22 +141,39 @@ class Square(Kind):
     main = Key("square", Holds.QUANTITY, "amplitude", Unit.OWN, required=True)
     keys = (
         PERIOD,
-        Key("phase", Holds.QUANTITY, "phase at t = 0", Unit.PURE, default="0 rad"),
-        BIAS,
+        PHASE,
+        Key(
+            "duty",
+            Holds.QUANTITY,
+            "share of the period for which it is plus",
+            Unit.PURE,
+            Bound.POSITIVE,
+            default="0.5",
+        ),
+        Key("bias", Holds.QUANTITY, "what is midway between its two values", Unit.OWN, default="0"),
     )
 
     def core(self, values: Mapping[str, float], gains: Mapping[str, float]) -> Core:
-        """w = bias + amplitude * sign(sin(2 pi t / period + phase)); the limit from above at t = 0."""
-        height, period = values["square"], values["period"]
-        place = values.get("phase", 0.0) / (2 * math.pi) % 1.0  # of t = 0 within a period
-        high = place < 0.5
-        falls = (0.5 if high else 1.5) - place
+        """w = bias + amplitude where (t / period + phase / 2 pi) mod 1 < duty, else bias - amplitude;
+        the limit from above at t = 0."""
+        height, period, duty = values["square"], values["period"], values.get("duty", 0.5)
+        place = place_at_start(values)
+        high = place < duty
+        falls = duty + (0.0 if high else 1.0) - place
         steps = Step(-height, falls * period, period), Step(height, (1.0 - place) * period, period)
         return Core(constant=values.get("bias", 0.0), steps=steps, held=height if high else -height)
 
     def unsuitable(self, given: Given) -> str:
-        """Half a period must be some time."""
-        return too_short(given.values["period"])
+        """Half a period must be some time, and so must both of its parts."""
+        period, duty = given.values["period"], given.values.get("duty", 0.5)
+        if not duty < 1.0:
+            return f"has duty {duty:g}, which is not below 1"
+        return too_short(period) or too_short(2.0 * period * min(duty, 1.0 - duty))
+
+
+def place_at_start(values: Mapping[str, float]) -> float:
+    """Where t = 0 is within a period, from 0 to 1, by the phase of a wave."""
+    return values.get("phase", 0.0) / (2 * math.pi) % 1.0
 
 
 def too_short(period_s: float) -> str:
@@ -164,7 +204,7 @@ class Sine(Kind):
             Unit.RATE,
             Bound.POSITIVE,
         ),
-        Key("phase", Holds.QUANTITY, "phase at t = 0", Unit.PURE, default="0 rad"),
+        PHASE,
         BIAS,
     )
 

@@ -36,7 +36,7 @@ from hybrid.elements import (
     limit_pieces,
 )
 from hybrid.engine.arrays import Floats, Ints
-from hybrid.engine.order import computing_order, in_loops, reach
+from hybrid.engine.order import computing_order, loops_of, reach
 
 # Columns of Circuit.rows: kind; terms FIRST to SECOND make u, SECOND to END make w; the element that
 # controls a switch or store, or whose value is a mode (of INPUT: its place in State.held); rows in laws
@@ -110,6 +110,7 @@ class Circuit(NamedTuple):
     tails_s: Floats  # before an instant, no longer window ends within these; descending
     longest_s: float  # no window is longer
     grain: float  # largest rms of any noise
+    outside: Ints  # (pairs, 2): a corner, and an element that drives its loops from outside
 
 
 class Builder:
@@ -354,7 +355,7 @@ def _frame(
     noisy_rows = [(i, noise_rates.index(1.0 / shapes[i][_LAG_S])) for i in noisy]
     rows, reads = np.full((len(order), 14), -1), [_reads(s) for s in shapes]
     edges = {(place[r], i) for i, names in enumerate(reads) for r in names}
-    looped = in_loops(len(order), edges)
+    loops = loops_of(len(order), edges)
     read_at: dict[str, int] = {}  # by which element first
     for i, names in enumerate(reads):
         for name in names:
@@ -389,7 +390,7 @@ def _frame(
         taus_s,
         np.array(
             [
-                (c[0], c[1], piece_ends[k], piece_ends[k + 1], c[0] in looped)
+                (c[0], c[1], piece_ends[k], piece_ends[k + 1], c[0] in loops)
                 for k, c in enumerate(corners)
             ],
             dtype=np.int64,
@@ -405,7 +406,26 @@ def _frame(
         _tails(taus_s, noise_rates),
         LOUD_LAGS * min((shapes[i][_LAG_S] for i in _distorted(shapes, edges)), default=math.inf),
         max((s[_NOISE] for s in shapes), default=0.0),
+        np.array(_outside(corners, edges, loops), dtype=np.int64).reshape(-1, 2),
     )
+
+
+def _outside(
+    corners: Sequence[tuple[int, int, int, int]],
+    edges: set[tuple[int, int]],
+    loops: Mapping[int, frozenset[int]],
+) -> list[tuple[int, int]]:
+    """Of each corner of two pieces (others do not jump) what its loops read that is in none of them."""
+    into: dict[frozenset[int], list[int]] = {
+        loop: sorted({a for a, b in edges if b in loop and a not in loop})
+        for loop in {loops[c[0]] for c in corners if c[0] in loops and c[2] == 2}
+    }
+    return [
+        (k, a)
+        for k, c in enumerate(corners)
+        if c[0] in loops and c[2] == 2
+        for a in into[loops[c[0]]]
+    ]
 
 
 def _reads(s: Shape) -> tuple[str, ...]:

@@ -70,6 +70,7 @@ from hybrid.engine.sweep import (
     FROZEN,
     HAPPENED,
     RISES,
+    STARTED,
     WANTED,
     State,
     X,
@@ -317,6 +318,10 @@ def _settle_in_order(
             if which == NUMBER:
                 v = float(mode)
         elif kind == SINE:
+            if state.counts[STARTED] > 0:
+                # It does not jump: it is where the last window left it. After many turns the digits of
+                # time are too few to find it there again.
+                continue
             v = figures[e, AMPLITUDE] * math.sin(
                 figures[e, OMEGA] * (call_s + t_s) + figures[e, PHASE]
             )

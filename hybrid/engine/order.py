@@ -90,12 +90,13 @@ def _rank(element: Element) -> int:
     return 0 if element.kind == INTEGRATE else 1 if element.remembers() else FORGETS
 
 
-def in_loops(count: int, edges: set[tuple[int, int]]) -> set[int]:
-    """Numbers below `count` that come back to themselves along the edges."""
+def loops_of(count: int, edges: set[tuple[int, int]]) -> dict[int, frozenset[int]]:
+    """Of each number below `count` that comes back to itself along the edges all that do so with it."""
     feeds: list[set[int]] = [set() for _ in range(count)]
     for a, b in edges:
         feeds[a].add(b)
-    return {i for group in _loops(range(count), feeds) for i in group}
+    groups = [frozenset(group) for group in _loops(range(count), feeds)]
+    return {i: group for group in groups for i in group}
 
 
 def _loops(of: Sequence[int], feeds: Sequence[set[int]]) -> list[list[int]]:

@@ -99,7 +99,7 @@ class ReferencePlayer(CircuitPlayer):
         refuse_undefined(self.machine, circuit, self.names, settled)
         first = settled[self.side.place]
         self.beyond = _Beyond(0.0, first)
-        self.reference.look = lambda t_s, signals: self.beyond(t_s, signals[self.side.place])
+        self.reference.look = self._look
         state.v[:count] = first
         self.calls.listen(self.side.state)
         self.reference.ends_at = self.calls.pieces
@@ -107,6 +107,11 @@ class ReferencePlayer(CircuitPlayer):
         self.reference.count = self.count
         self.reference.events.clear()
         return state
+
+    def _look(self, t_s: float, signals: Floats) -> None:
+        """See every step of the integrator; signals of all elements."""
+        self.beyond(t_s, signals[self.side.place])
+        self.count.watch(signals)
 
     def _switched(self) -> bool:
         """Whether comparators that start tasks have switched; take note of which."""

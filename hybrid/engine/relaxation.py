@@ -30,7 +30,15 @@ from hybrid.engine.beyond import (
 )
 from hybrid.engine.circuit import FIRST_PIECE, HIGH, LOW, Circuit
 from hybrid.engine.compiling import compiled, inlined
-from hybrid.engine.corners import Log, change_piece, first_exit, leaves, locate, settle
+from hybrid.engine.corners import (
+    SLACK_AT_REST,
+    Log,
+    change_piece,
+    first_exit,
+    leaves,
+    locate,
+    settle,
+)
 from hybrid.engine.handover import accept, guess
 from hybrid.engine.kernel import RUNAWAY_MU
 from hybrid.engine.lanes import dot
@@ -60,7 +68,7 @@ from hybrid.engine.sweep import (
     solve,
     solve_again,
 )
-from hybrid.engine.switching import chatters, count_change, gathers
+from hybrid.engine.switching import chatters, count_change, forced, gathers, watch_outside
 from hybrid.modes import CONTINUE, STOP_RUN
 
 # Why `advance` came back. SWITCHED: a comparator that starts a task. GATHERED: changes of a corner come
@@ -173,6 +181,7 @@ def advance(
                 watch(state, grid, t_s + now - length, length)
             swept = tolerance if noise is None else clock[SWEPT] + ROUNDING
             accept(circuit, state, grid, length, tail, swept)
+            watch_outside(circuit, state.ways, state.start)
         if over >= 0:
             _note_if_first(state.clock, shown.overload[over], state.start[over], t_s + now)
             if counts[ON_OVERLOAD] == STOP_RUN:
@@ -184,8 +193,9 @@ def advance(
             change_piece(circuit, state, corner, by, now, log)
             settle(circuit, state, state, t_s, now, log, False, 0.0)
             begin_short(state, AFTER_EVENT)
-            count_change(circuit, state.changes, corner, t_s + now)
-            chatter = chatters(circuit, state.recent, corner, now)
+            is_forced = forced(circuit, state.ways, corner, by)
+            count_change(circuit, state.changes, corner, t_s + now, is_forced)
+            chatter = chatters(circuit, state.recent, corner, now, is_forced)
             if ends or chatter:
                 counts[ENDED_BY] = corner
                 return GATHERED if ends else CHATTER, now
@@ -333,7 +343,9 @@ def _cut(
     p = circuit.corners[corner, FIRST_PIECE] + state.piece[corner]
     bound = circuit.pieces[p, HIGH] if by > 0 else circuit.pieces[p, LOW]
     q = len(grid.marks)
-    if length_s < SHORTEST_S:
+    # A fast guard that begins further from its bound must still come to it, however soon.
+    missed = abs(state.guard_start[corner] - bound)
+    if length_s < SHORTEST_S and missed <= SLACK_AT_REST * max(1.0, abs(bound)):
         return 0.0
     for _ in range(5):
         guess(circuit, state, shelf, grid, 0.0, length_s / whole_s, q, state.start, state.nodes)

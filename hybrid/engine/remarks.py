@@ -22,12 +22,16 @@ from hybrid.engine.circuit import (
     OF_INTEGRATOR,
     OF_SUM,
     OWNER,
+    ROLE,
     Circuit,
 )
 from hybrid.engine.sweep import ENDED_BY, FROM_S, MOST, SHRUNK, TURNED_S, TURNS, State
-from hybrid.engine.switching import drives_itself
+from hybrid.engine.switching import drives_itself, jumps
 from hybrid.errors import PatchError
 from hybrid.machine import Machine
+
+GIVE = "give it hysteresis"
+NO_HYSTERESIS = "it has no hysteresis, so give the loop less gain"
 
 
 def chattering(circuit: Circuit, names: Sequence[str], changes: Floats) -> tuple[str, ...]:
@@ -40,7 +44,7 @@ def chattering(circuit: Circuit, names: Sequence[str], changes: Floats) -> tuple
         name, _, _ = names[circuit.corners[corner, OWNER]].partition(":")
         found.append(
             f"{name} chatters from {changes[corner, FROM_S]:.6g} s on, {changes[corner, MOST]:.0f} "
-            "changes as fast as the lags allow: give it hysteresis"
+            f"changes as fast as the lags allow: {_cure(circuit, names, corner)}"
         )
     return tuple(found)
 
@@ -74,13 +78,30 @@ def ended_by(circuit: Circuit, names: Sequence[str], state: State, gathered: boo
     ways = state.changes[corner, TURNED_S:].reshape(-1, TURNS).tolist()
     turned_s, span_s, ratio, *_ = max(ways, key=lambda way: way[SHRUNK - TURNED_S])
     if not gathered:
-        return f"{name} chatters: give it hysteresis, or what it drives a lag"
+        give = "" if _compares(circuit, names, corner) else "give "
+        return f"{name} chatters: {_cure(circuit, names, corner)}, or {give}what it drives a lag"
     ends_s = turned_s + span_s * ratio / (1.0 - ratio)
     return (
         f"{name} switches either way at ever shorter intervals, each {ratio:.6g} of the one before, so "
-        f"without end by {ends_s:.9g} s; nothing says what is after that: give it hysteresis, or "
-        "parts a lag"
+        f"without end by {ends_s:.9g} s; nothing says what is after that: "
+        + (GIVE + ", or parts a lag" if _compares(circuit, names, corner) else "give parts a lag")
     )
+
+
+def _compares(circuit: Circuit, names: Sequence[str], corner: int) -> bool:
+    """Whether it is a comparator, which may have hysteresis; other parts have comparators inside."""
+    own = ":" not in names[circuit.corners[corner, OWNER]]
+    return own and circuit.corners[corner, ROLE] == OF_SUM and bool(jumps(circuit, corner))
+
+
+def _cure(circuit: Circuit, names: Sequence[str], corner: int) -> str:
+    """What would keep a part from chattering, in words."""
+    if circuit.corners[corner, ROLE] == OF_ANGLE:
+        return (
+            "its angle jumps at half a turn, where the loop holds it; invert both its inputs, which "
+            "makes that angle 0"
+        )
+    return GIVE if _compares(circuit, names, corner) else NO_HYSTERESIS
 
 
 def refuse_undefined(

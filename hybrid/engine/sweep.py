@@ -104,6 +104,7 @@ class State(NamedTuple):
     watched: Ints  # (n,): 1 where an overload may stop the run or hold the machine
     changes: Floats  # (corners, 17): see the columns below
     calls: Ints  # (n, 2): see the columns below
+    ways: Floats  # (pairs of Circuit.outside, 6): see the columns below
 
 
 # Columns of State.memory, each at the start of the window and at its end: the state of an integrator,
@@ -138,6 +139,11 @@ ON_OVERLOAD, FROZEN, JUMPED, RUNG, CALLED, ENDED_BY, LAST_WINDOW = range(8, 15)
 # happened.
 WANTED, HAPPENED = range(2)
 RISES, FALLS = 1, 2
+# Columns of State.ways, of what drives a loop from outside: its value where it last moved, and which
+# way, 1 or -1 (0: not yet); of the last change of the corner up, which way it went then, and 1 where it
+# has turned since; the same of the last change down.
+STOOD, WAY, WAY_THEN, TURNED = range(4)
+DOWN = 2
 
 # Rows of State.row: what a torn signal was before this sweep; how far such signals have moved in it.
 OLD, MOVED = 1, 2
@@ -180,7 +186,13 @@ def new_state(circuit: Circuit, q: int = 8) -> State:
         np.zeros(n, dtype=np.int64),
         changes,
         np.zeros((n, 2), dtype=np.int64),
+        new_ways(circuit),
     )
+
+
+def new_ways(circuit: Circuit) -> Floats:
+    """State.ways before anything has changed."""
+    return np.zeros((len(circuit.outside), 6))
 
 
 @compiled
@@ -369,7 +381,9 @@ def special(
         elif kind == INPUT:
             fill(scratch, 0, held[rows[e, CONTROL]])
         elif kind == SINE:
-            rate, phase = figures[e, OMEGA], figures[e, OMEGA] * t_s + figures[e, PHASE]
+            rate, turned = figures[e, OMEGA], figures[e, OMEGA] * t_s + figures[e, PHASE]
+            # Within a turn: after many the last digit would be more than a corner is located to.
+            phase = math.atan2(math.sin(turned), math.cos(turned))
             for i in range(LANES):
                 angle = rate * length_s * marks[min(i + 1, q)] + phase
                 scratch[0, i] = figures[e, AMPLITUDE] * math.sin(angle)

@@ -31,6 +31,7 @@ from hybrid.engine.circuit import (
 from hybrid.engine.compiling import compiled
 from hybrid.engine.nodes import Nodes, slope_at
 from hybrid.engine.sweep import (
+    DOWN,
     FROM_S,
     GAP,
     IN_A_ROW,
@@ -40,9 +41,13 @@ from hybrid.engine.sweep import (
     SHRUNK,
     SINCE_S,
     SPAN_S,
+    STOOD,
     SWUNG,
+    TURNED,
     TURNED_S,
     TURNS,
+    WAY,
+    WAY_THEN,
     State,
 )
 
@@ -51,6 +56,8 @@ JUMP_MU = 1e-9
 # So many events of one corner within so many of the shortest lag are chatter.
 CHATTER_EVENTS = 64
 CHATTER_LAGS = 4.0
+# A change that is forced takes so much off the count: some seem so that are not.
+FORCED_SHARE = 0.125
 # Changes that follow each other within so many lags of the part are as fast as loops of lags swing.
 QUICK_LAGS = 16.0
 CHATTER_S = 1e-12
@@ -67,7 +74,42 @@ SHARE_OF_LAG = 0.1
 
 
 @compiled
-def chatters(circuit: Circuit, recent: Floats, corner: int, now_s: float) -> bool:
+def watch_outside(circuit: Circuit, ways: Floats, signals: Floats) -> None:
+    """Note which way what drives loops from outside has moved, at the end of a window; signals: (n,)."""
+    for pair in range(ways.shape[0]):
+        value = signals[circuit.outside[pair, 1]]
+        moved = value - ways[pair, STOOD]
+        if abs(moved) > JUMP_MU * max(1.0, abs(value)):
+            way = math.copysign(1.0, moved)
+            if way != ways[pair, WAY]:
+                ways[pair, TURNED], ways[pair, TURNED + DOWN] = 1.0, 1.0
+            ways[pair, STOOD], ways[pair, WAY] = value, way
+
+
+@compiled
+def forced(circuit: Circuit, ways: Floats, corner: int, by: int) -> bool:
+    """Whether a change of a corner, up or down, comes of what drives its loops from outside.
+
+    A relay that is forced comes back because the forcing has gone to and fro, and goes the same way as
+    it did then. One that swings by the lags of its loop comes back without, or so by chance.
+    """
+    found, k = False, 0 if by > 0 else DOWN
+    for pair in range(ways.shape[0]):
+        if circuit.outside[pair, 0] == corner:
+            alike = ways[pair, WAY] == ways[pair, WAY_THEN + k]
+            found |= alike and ways[pair, TURNED + k] > 0.0
+            ways[pair, WAY_THEN + k], ways[pair, TURNED + k] = ways[pair, WAY], 0.0
+    return found
+
+
+@compiled
+def count_on(count: float, is_forced: bool) -> float:
+    """A count of changes that may be chatter, after one more."""
+    return max(count - FORCED_SHARE, 0.0) if is_forced else count + 1.0
+
+
+@compiled
+def chatters(circuit: Circuit, recent: Floats, corner: int, now_s: float, is_forced: bool) -> bool:
     """Whether a corner has had too many events without getting on; `recent`: since when, how many.
 
     What is driven to and fro from outside, however fast, gets on.
@@ -77,7 +119,7 @@ def chatters(circuit: Circuit, recent: Floats, corner: int, now_s: float) -> boo
         span = max(span, CHATTER_LAGS * circuit.taus_s[0])
     if now_s - recent[corner, 0] > span:
         recent[corner, 0], recent[corner, 1] = now_s, 0.0
-    recent[corner, 1] += 1.0
+    recent[corner, 1] = count_on(recent[corner, 1], is_forced)
     return bool(recent[corner, 1] > CHATTER_EVENTS)
 
 
@@ -107,15 +149,19 @@ def jumps(circuit: Circuit, corner: int) -> bool:
 
 
 @compiled
-def count_change(circuit: Circuit, changes: Floats, corner: int, at_s: float) -> None:
+def count_change(
+    circuit: Circuit, changes: Floats, corner: int, at_s: float, is_forced: bool
+) -> None:
     """Count changes of piece as fast as the lags allow; they are the patch's doing, so all goes on."""
     lag = circuit.rows[circuit.corners[corner, OWNER], LAG]
     if lag < 0:
         return
     if not at_s - changes[corner, LAST_S] <= QUICK_LAGS / circuit.laws[lag, 0]:
-        changes[corner, IN_A_ROW], changes[corner, SINCE_S] = 0.0, at_s
+        changes[corner, IN_A_ROW] = 0.0
+    if changes[corner, IN_A_ROW] == 0.0:
+        changes[corner, SINCE_S] = at_s
     changes[corner, LAST_S] = at_s
-    changes[corner, IN_A_ROW] += 1.0
+    changes[corner, IN_A_ROW] = count_on(changes[corner, IN_A_ROW], is_forced)
     if changes[corner, IN_A_ROW] > CHATTER_EVENTS:
         if changes[corner, MOST] == 0.0:
             changes[corner, FROM_S] = changes[corner, SINCE_S]

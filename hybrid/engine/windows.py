@@ -19,7 +19,7 @@ from hybrid.engine.arrays import Floats, Plant, Score, State
 from hybrid.engine.beyond import TIMES, Overload
 from hybrid.engine.calls import Calls
 from hybrid.engine.circuit import SOURCE, Builder
-from hybrid.engine.corners import new_log
+from hybrid.engine.corners import new_log, settle
 from hybrid.engine.interplay import (
     Clock,
     Side,
@@ -32,10 +32,7 @@ from hybrid.engine.linear import Player
 from hybrid.engine.lost import Lost, runaway, tails, unresolved
 from hybrid.engine.nodes import RESOLUTION, Shelf, new_shelf, nodes
 from hybrid.engine.noise import SHARE_OF_NOISE, Noise, new_noise
-from hybrid.engine.relaxation import (
-    advance,
-    no_pen,
-)
+from hybrid.engine.relaxation import no_pen
 from hybrid.engine.remarks import chattering, ended_by, held_back, refuse_undefined
 from hybrid.engine.sweep import (
     DRIVE,
@@ -239,18 +236,8 @@ def settled(machine: Machine) -> tuple[list[float], dict[str, float]]:
 def at_start(side: Side, inputs: Floats) -> tuple[Floats, Floats]:
     """The same of a side that has not started, both (signals,); inputs: all held ones of the machine."""
     settle_loops(side, inputs[side.held])
-    advance(
-        side.circuit,
-        side.state,
-        side.shelf,
-        side.grid,
-        0.0,
-        0.0,
-        RESOLUTION,
-        side.log,
-        side.no_pen,
-        None,  # at t = 0 there is none yet
-    )
+    # As a run begins, of which no window need be played, nor be compiled.
+    settle(side.circuit, side.state, side.state, 0.0, 0.0, side.log, True, 0.0)
     return side.state.start[side.place], side.state.memory[side.place, DRIVE]
 
 

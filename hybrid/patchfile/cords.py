@@ -22,8 +22,12 @@ def check_cords(
     if not components and not program:
         raise PatchError("the patch is empty; it needs analog: or digital:", book.root.place)
     for component in components:
-        for signal, value in component.terms:
-            _check_coefficient(book, component, signal, value)
+        if component.kind == "compare":
+            _check_compared(book, component)
+        else:
+            for signal, value in component.terms:
+                _check_coefficient(book, component, signal, value)
+        _check_points(book, component)
         _check_result(book, component)
         _check_initial(book, component)
     dimensions = {a.word: a.dimension for a in program.written} if program else {}
@@ -72,6 +76,59 @@ def _check_result(book: Book, component: Component) -> None:
     raise PatchError(
         f"{kind.factor} of {what} must be {in_words(wanted)}: without it {result}", component.place
     )
+
+
+def _check_points(book: Book, component: Component) -> None:
+    """Inputs of a function generator's points, and what rounds its corners, are in the unit it reads."""
+    if not component.points:
+        return
+    read, rounding = book.scales[component.signals[0]], component.values.get("rounding")
+    for value in [*(x for x, _ in component.points), *([rounding] if rounding else [])]:
+        found = dimension_of(value.expr, book.scope)
+        if found not in (None, PURE, read.dimension):
+            raise PatchError(
+                f"{value.what} is {quoted(to_text(value.expr))}; it reads "
+                f"{component.signals[0]!r}, so it must be {in_words(read.dimension, read.unit)}",
+                value.place,
+            )
+
+
+def _check_compared(book: Book, component: Component) -> None:
+    """What a comparator adds up has one unit, which is that of its threshold and its hysteresis.
+
+    A bare coefficient is in SI units of whatever is due, so that bare ones alone leave open which of
+    the inputs gives the unit.
+    """
+    units: dict[Dimension, str] = {}
+    due: set[Dimension] = set()
+    for signal, value in component.terms:
+        source, found = book.scales[signal], dimension_of(value.expr, book.scope)
+        if found in (None, PURE):
+            units[source.dimension] = source.unit
+            continue
+        assert found is not None
+        made = found * source.dimension
+        if due and made not in due:
+            raise PatchError(
+                f"{value.what} is {quoted(to_text(value.expr))}, which makes it {in_words(made)}; "
+                f"what it is added to is {in_words(min(due, key=str))}",
+                value.place,
+            )
+        due.add(made)
+    due = due or set(units)
+    for key in ("threshold", "hysteresis"):
+        if key not in component.values:
+            continue
+        value = component.values[key]
+        found = dimension_of(value.expr, book.scope)
+        if found not in (None, PURE, *due):
+            wanted = " or ".join(sorted(in_words(d, units.get(d, "")) for d in due))
+            raise PatchError(
+                f"{value.what} is {quoted(to_text(value.expr))}; by the inputs that are compared it "
+                f"must be {wanted}",
+                value.place,
+            )
+        due = due if found in (None, PURE) else {found}
 
 
 def _check_initial(book: Book, component: Component) -> None:
