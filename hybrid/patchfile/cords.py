@@ -9,7 +9,7 @@ from hybrid.expressions import to_text
 from hybrid.fields import in_words
 from hybrid.patch import Component, Dac, Program, Value
 from hybrid.patchfile.book import Book
-from hybrid.units import PURE, TIME
+from hybrid.units import PURE, TIME, Dimension
 
 
 def check_cords(
