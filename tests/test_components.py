@@ -350,7 +350,7 @@ def test_full_scales_change_nothing_behind_lags_either(play):
 # --- overloads of analog signals -----------------------------------------------------------------
 
 
-def test_overload_is_noted_at_the_first_instant_beyond(play):
+def test_overload_is_noted_where_the_signal_passes_full_scale(play):
     played = play(
         patch(
             "one: {constant: 1, full_scale: 1}",
@@ -360,7 +360,9 @@ def test_overload_is_noted_at_the_first_instant_beyond(play):
     )
     found = {overload.signal: overload for overload in played.player.overloads()}
     assert set(found) == {"x", "twice"}
-    assert (found["x"].time_s, found["twice"].time_s) == (0.8, 0.6)
+    assert found["x"].time_s == pytest.approx(0.75, rel=1e-11)
+    assert found["twice"].time_s == pytest.approx(0.5, rel=1e-11)
+    assert found["x"].duration_s == pytest.approx(1.25, rel=1e-11)
     assert found["x"].worst_mu == pytest.approx(-2 / 0.75) and found["x"].worst_time_s == 2.0
     assert found["x"].instants == 13
 

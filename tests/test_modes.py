@@ -404,11 +404,11 @@ def test_by_default_the_run_goes_on():
     assert column(result, "x")[-1] == pytest.approx(2.0, abs=1e-12)
 
 
-def test_a_linear_run_stops_at_the_instant_that_shows_the_overload():
-    """The exact engine looks at instants: full scale is passed at 10 ms, seen at the row of 10.5 ms."""
+def test_a_linear_run_stops_where_full_scale_is_passed():
+    """At 10 ms, between the rows of 9.8 and 10.5 ms."""
     text = overloaded("stop", every="0.7 ms").replace("  bent: {absolute: y, full_scale: 2}\n", "")
     result = play(text, status="stopped")
-    assert "stopped at 0.0105 s: x" in result.status_note
+    assert "stopped at 0.01 s: x" in result.status_note
     assert len(result.time_s) == 15
     assert hybrid.predict(parse_patch(text)).modes
 
