@@ -108,7 +108,7 @@ class FunctionGenerator(Nonlinear):
     """A function through points, by straight lines: a diode function generator."""
 
     key, symbol = "function", "function generator"
-    doc = "function of a signal through given points, by straight lines; the outer ones go on beyond them"
+    doc = "function of a signal through given points, by straight lines, the outer ones prolonged"
     main = Key("function", Holds.SIGNAL, "the signal", required=True)
     keys = (
         Key("points", Holds.POINTS, "input: output, two points or more", required=True),
