@@ -2,8 +2,8 @@
 
 Stage 0. A subtraction, a comparison, a choice, a sign count as an addition; every word computed is
 stored, which is one `store`. What is known before a run (constants, products of these, reciprocals of
-the intervals of tables) is computed before it. Addresses are left out, as machines have index registers for
-them; so is what only notices that an argument is out of range. What a machine has no instruction for:
+the intervals of tables) is computed before it. Addresses are left out, as machines have index registers
+for them; so is what only notices that an argument is out of range. Where machines have no instruction:
 
 - A function is a polynomial of six terms, 6 multiplications and 6 additions (C. Hastings,
   "Approximations for Digital Computers", 1955, has those of 1e-7), with what leads to it and from it.
