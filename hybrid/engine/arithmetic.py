@@ -41,7 +41,8 @@ def compute_function(op: int, held: float, a: float, b: float) -> float:
         logical: float = compute_logic(op, held, a, b)
         return logical
     if op in (MIN, MAX):
-        return lesser_or_greater(op, a, b)
+        chosen: float = lesser_or_greater(op, a, b)
+        return chosen
     if op == ABS:
         return math.fabs(a)
     if op == SQRT:
