@@ -16,12 +16,12 @@ from hybrid.asked_before import asked_before
 from hybrid.components.delay import DEFAULT_ORDER, good_to
 from hybrid.cycle_map import stretch_s
 from hybrid.equipment import Part, count_parts
-from hybrid.errors import counted
+from hybrid.errors import counted, known_as
 from hybrid.linearity import NeverFinite, NotLinear, linear_program
 from hybrid.loops import Loops, loops_of
 from hybrid.loudness import short_windows
 from hybrid.machine import Machine
-from hybrid.patch import Value
+from hybrid.patch import Patch, Value
 from hybrid.potsheet import PotRow, pot_rows
 from hybrid.prediction import Case, closed_form_case
 from hybrid.ratetest import RateRow, rate_test, rate_warnings, static_check
@@ -214,6 +214,7 @@ def check(
         f"{events}, {thinned}" if thinned else events,
         (
             *_warnings(compiled),
+            *_left_open(compiled.patch),
             *_never_finite(compiled),
             *rate_warnings(tested),
             *lost_constants(compiled),
@@ -226,6 +227,27 @@ def check(
         _delays(compiled),
         tuple(compared),
     )
+
+
+def _left_open(patch: Patch) -> list[str]:
+    """Inputs of models that nothing is connected to, and that have their initial values."""
+    given = {
+        (variable.place.file, variable.place.line): variable
+        for model in patch.models
+        for variable in model.inputs
+    }
+    found = []
+    for entry in patch.program.assignments if patch.program else ():
+        if not entry.hidden or ":" not in entry.word:  # the word as the program reads it
+            continue
+        variable = given.get((entry.place.file, entry.place.line))
+        if variable is not None and variable.initial is not None:
+            has = f"{variable.initial:g} {variable.units}"
+            found.append(
+                f"{entry.place}: input {known_as(entry.word)!r} is not connected; it has its "
+                f"initialValue, {has}"
+            )
+    return found
 
 
 def _delays(machine: Machine) -> tuple[DelayRow, ...]:

@@ -19,15 +19,29 @@ from typing import TypeVar
 import numpy as np
 
 from hybrid.errors import PatchError, Place, counted, did_you_mean, quoted
-from hybrid.expressions import Call, LookUp, Name, Node, Number, names
+from hybrid.expressions import LookUp, Name, Node, Number, names
 from hybrid.graph import find_loop
 from hybrid.mathml import read_math
 from hybrid.meshes import check_spread, scattered_table, twice
-from hybrid.tables import CLAMPS, CONTINUES, Axis, Table, TableError, check_points, check_size
+from hybrid.tables import (
+    CLAMPS,
+    CONTINUES,
+    Axis,
+    Table,
+    TableError,
+    check_points,
+    check_size,
+    limits,
+)
 from hybrid.xmltree import Element, read_xml
 
 _Found = TypeVar("_Found")
 _SEPARATORS = re.compile(r"[\s,;]+")
+# Nothing between two separators, or before the first.
+_EMPTY = re.compile(r"(?:^|[,;])\s*[,;]")
+# What says that a variable is given from outside: an input, one of the pilot's or one that disturbs, or
+# a state, which is integrated outside. Its initial value stands in where nothing is.
+_GIVEN = ("isInput", "isControl", "isDisturbance", "isState")
 # Which sides a table goes on beyond its range, by the attribute extrapolate.
 _SIDES = {
     "neither": (False, False),
@@ -179,11 +193,11 @@ class _Reader:
     def variable(self, element: Element) -> Variable:
         id_ = element.required("varID")
         calculation = element.first("calculation")
-        limits = tuple(
+        between = tuple(
             _number(element, key, default)
             for key, default in (("minValue", -math.inf), ("maxValue", math.inf))
         )
-        if not limits[0] <= limits[1]:
+        if not between[0] <= between[1]:
             raise PatchError("minValue is above maxValue", element.place)
         expr: Node | None = None
         if calculation is not None:
@@ -194,18 +208,29 @@ class _Reader:
             expr = read_math(_only(calculation, "math"), self.inside)
         elif id_ in self.functions:
             expr = self.function(self.functions[id_], id_)
-        elif element.first("isInput") is None and "initialValue" in element.attributes:
+        elif element.first(*_GIVEN) is None and "initialValue" in element.attributes:
             expr = Number(_number(element, "initialValue", 0.0))
         return Variable(
             id_,
             _name(element, id_),
             element.attributes.get("units", "nd").strip(),
-            limited(expr, *map(Number, limits)) if expr is not None else None,
+            self.kept_within(expr, id_, element, (between[0], between[1]))
+            if expr is not None
+            else None,
             element.first("isOutput") is not None,
             element.place,
-            (limits[0], limits[1]),
+            (between[0], between[1]),
             _number(element, "initialValue", 0.0) if "initialValue" in element.attributes else None,
         )
+
+    def kept_within(
+        self, expr: Node, id_: str, element: Element, between: tuple[float, float]
+    ) -> Node:
+        """What a variable is within its limits; a constant that is within them is itself."""
+        if isinstance(expr, Number) and between[0] <= expr.value <= between[1]:
+            return expr
+        name = f"{self.prefix}:{self.words[id_]}"
+        return limited(expr, limits(name, _name(element, id_), between))
 
     def function(self, function: Element, id_: str) -> Node:
         """A table at its variables."""
@@ -305,11 +330,9 @@ def _name(element: Element, id_: str) -> str:
     return element.attributes.get("name", id_).strip()
 
 
-def limited(expr: Node, low: Number, high: Number) -> Node:
-    """An expression kept within limits, of which either may be infinite."""
-    if low.value > -math.inf:
-        expr = Call("max", (expr, low))
-    return Call("min", (expr, high)) if high.value < math.inf else expr
+def limited(expr: Node, table: Table | None) -> Node:
+    """An expression within limits, so that a run tells where they act; itself where there are none."""
+    return expr if table is None else LookUp(table, (expr,))
 
 
 def _axis(ref: Element, points: list[float]) -> Axis:
@@ -371,7 +394,13 @@ def number_in(element: Element) -> float:
 
 
 def _numbers(element: Element) -> list[float]:
-    """Numbers between commas and spaces; a comma may end them."""
+    """Numbers between commas, semicolons and spaces; one of these may end them, but none is left out."""
+    if empty := _EMPTY.search(element.text):
+        before = _SEPARATORS.split(element.text[: empty.start()].strip())
+        where = f"after {quoted(before[-1])}" if before[-1] else "at the beginning"
+        raise PatchError(
+            f"<{element.tag}> has an empty cell {where}; write its number", element.place
+        )
     words = [word for word in _SEPARATORS.split(element.text) if word]
     return [_float(word, element, f"<{element.tag}>") for word in words]
 

@@ -52,14 +52,14 @@ class RunError(HybridError):
 
 
 def did_you_mean(name: str, valid: Iterable[str]) -> str:
-    """Say what would have been valid: the nearest names first, else all (at most twelve)."""
-    known = sorted(valid)
-    near = difflib.get_close_matches(name, known, n=3, cutoff=0.6)
+    """Say what would have been valid: the nearest names first, else at most twelve; long ones cut."""
+    known = sorted({_cut(one) for one in valid})
+    near = difflib.get_close_matches(_cut(name), known, n=3, cutoff=0.6)
     if near:
         return "did you mean " + " or ".join(repr(n) for n in near) + "?"
     if not known:
         return "there are none to choose from"
-    shown = ", ".join(known[:12]) + (", ..." if len(known) > 12 else "")
+    shown = ", ".join(map(one_line, known[:12])) + (", ..." if len(known) > 12 else "")
     return f"valid: {shown}"
 
 
@@ -83,11 +83,14 @@ def shown(value: object) -> str:
     """Whatever was handed over instead, for a one-line message: cut where long."""
     if isinstance(value, str):
         return quoted(value)
-    text = one_line(" ".join(repr(value).split()))
-    return text if len(text) <= LONGEST_QUOTE else text[: LONGEST_QUOTE - 3] + "..."
+    return _cut(one_line(" ".join(repr(value).split())))
 
 
 def quoted(text: str) -> str:
     """Text of a user's for a one-line message: quoted, control characters escaped, cut where long."""
-    shown = text if len(text) <= LONGEST_QUOTE else text[: LONGEST_QUOTE - 3] + "..."
-    return repr(shown)
+    return repr(_cut(text))
+
+
+def _cut(text: str) -> str:
+    """No more of a text than a message can hold."""
+    return text if len(text) <= LONGEST_QUOTE else text[: LONGEST_QUOTE - 3] + "..."

@@ -33,6 +33,8 @@ _WHOLE = ("quotient", "rem")
 _OTHERS = ("minus", "divide", "power", "root", "log", "not", "min", "max", "piecewise", "csymbol")
 _KNOWN = (*_CHAINS, *_COMPARISONS, *_FUNCTIONS, *_INVERSE, *_WHOLE, "xor", *_OTHERS)
 
+# What qualifies an operation, and which one.
+_QUALIFIERS = {"degree": "root", "logbase": "log"}
 _NUMBERS = ("real", "integer", "double", "e-notation")
 
 Named = Callable[[str, Element], str]
@@ -40,9 +42,27 @@ Named = Callable[[str, Element], str]
 
 def read_math(math_element: Element, named: Named) -> Node:
     """The expression in a <math> element; `named` gives the name of a variable, or refuses it."""
-    if len(math_element.children) != 1:
-        raise PatchError("<math> must hold one expression", math_element.place)
-    return _read(math_element.children[0], named)
+    return _only(math_element, "expression", named)
+
+
+def _only(element: Element, what: str, named: Named) -> Node:
+    """The one expression in an element."""
+    _refuse_text(element)
+    if len(element.children) != 1:
+        raise PatchError(
+            f"<{element.tag}> holds {counted(len(element.children), what)}; it must hold one {what}",
+            element.place,
+        )
+    return _read(element.children[0], named)
+
+
+def _refuse_text(element: Element) -> None:
+    """Raise PatchError for a text between elements, which nobody would read."""
+    if text := element.text.strip():
+        raise PatchError(
+            f"<{element.tag}> holds the text {quoted(text)}; numbers stand in <cn>, names in <ci>",
+            element.place,
+        )
 
 
 def _read(element: Element, named: Named) -> Node:
@@ -50,6 +70,7 @@ def _read(element: Element, named: Named) -> Node:
     if tag == "cn":
         return Number(_number(element))
     if tag == "ci":
+        _refuse_children(element, "a name")
         return Name(named(element.text.strip(), element))
     if tag in _CONSTANTS:
         return Number(_CONSTANTS[tag])
@@ -61,7 +82,15 @@ def _read(element: Element, named: Named) -> Node:
 
 
 def _number(element: Element) -> float:
-    kind, text = element.attributes.get("type", "real"), element.text.strip()
+    kind, text = element.attributes.get("type", "real").strip(), element.text.strip()
+    base = element.attributes.get("base", "10").strip()
+    if kind not in _NUMBERS:
+        known = ", ".join(_NUMBERS)
+        raise PatchError(
+            f"<cn> is of type {quoted(kind)}; the types read are {known}", element.place
+        )
+    if base != "10":
+        raise PatchError(f"<cn> is of base {quoted(base)}; only 10 is read", element.place)
     if kind == "e-notation":  # <cn type="e-notation">1.5<sep/>3</cn>
         parts = [part.strip() for part in element.parts]
         if [child.tag for child in element.children] != ["sep"] or not _is_whole(parts[1]):
@@ -71,11 +100,13 @@ def _number(element: Element) -> float:
                 element.place,
             )
         text = "e".join(parts)
+    else:
+        _refuse_children(element, "a number")
     try:
         value = float(text)
     except ValueError:
         value = math.nan
-    if not math.isfinite(value) or kind not in _NUMBERS or "_" in text:
+    if not math.isfinite(value) or "_" in text:
         raise PatchError(f"<cn> holds {quoted(text)}; it must be a number", element.place)
     return value
 
@@ -85,18 +116,35 @@ def _is_whole(text: str) -> bool:
     return text.removeprefix("-").removeprefix("+").isdecimal() and text.isascii()
 
 
+def _refuse_children(element: Element, what: str) -> None:
+    """Raise PatchError for elements where there is to be but a text."""
+    for child in element.children:
+        raise PatchError(
+            f"<{element.tag}> holds <{child.tag}/>; it must hold {what} and nothing else",
+            element.place,
+        )
+
+
 def _piecewise(element: Element, named: Named) -> Node:
-    otherwise = element.first("otherwise")
-    pieces = list(element.all("piece"))
+    _refuse_text(element)
+    pieces, others = list(element.all("piece")), list(element.all("otherwise"))
+    for child in element.children:
+        if child.tag not in ("piece", "otherwise"):
+            raise PatchError(
+                f"<piecewise> holds <{child.tag}>; it must hold <piece>s, and <otherwise> at most",
+                child.place,
+            )
     if not pieces:
         raise PatchError(
             "<piecewise> needs a <piece> or more, each of a value and a condition", element.place
         )
-    if otherwise and len(otherwise.children) != 1:
-        what = counted(len(otherwise.children), "value")
-        raise PatchError(f"<otherwise> has {what}; it needs one", otherwise.place)
+    if len(others) > 1:
+        raise PatchError(
+            "a second <otherwise> in a <piecewise>; it has one at most", others[1].place
+        )
     read = []
     for piece in pieces:
+        _refuse_text(piece)
         if len(piece.children) != 2:
             what = counted(len(piece.children), "element")
             raise PatchError(
@@ -105,7 +153,7 @@ def _piecewise(element: Element, named: Named) -> Node:
         value, condition = (_read(child, named) for child in piece.children)
         read.append((value, condition))
     conditions = [condition for _, condition in read]
-    result = _read(otherwise.children[0], named) if otherwise else _nothing(conditions)
+    result = _only(others[0], "value", named) if others else _nothing(conditions)
     for value, condition in reversed(read):
         result = Call("select", (condition, value, result))
     return result
@@ -134,8 +182,13 @@ def _apply(element: Element, named: Named) -> Node:
         raise PatchError(f"<{head.tag}/> is no operation that is read; {valid}", head.place)
     if head.tag in ("piecewise", "apply", "cn", "ci") and not rest:
         return _read(head, named)  # <apply> around what needs none
-    qualifiers = {child.tag: child for child in rest if child.tag in ("degree", "logbase")}
-    values = [_read(child, named) for child in rest if child.tag not in qualifiers]
+    _refuse_text(element)
+    if head.tag not in ("piecewise", "apply", "cn", "ci", "csymbol"):
+        _refuse_text(head)
+        _refuse_children(head, "nothing")
+    qualifiers = [child for child in rest if child.tag in _QUALIFIERS]
+    values = [_read(child, named) for child in rest if child.tag not in _QUALIFIERS]
+    qualified = _qualified(head, qualifiers, named)
 
     def count(fewest: int, most: int | None = None) -> None:
         if len(values) < fewest or (most is not None and len(values) > most):
@@ -174,21 +227,36 @@ def _apply(element: Element, named: Named) -> Node:
         count(2, 2)
         return Call("atan2", (values[0], values[1]))
     count(1, 1)
-    return _of_one(head, values[0], qualifiers, named)
+    return _of_one(head, values[0], qualified)
 
 
-def _of_one(head: Element, value: Node, qualifiers: dict[str, Element], named: Named) -> Node:
+def _qualified(head: Element, qualifiers: list[Element], named: Named) -> Node | None:
+    """The degree of a root or the base of a logarithm, where there is one."""
+    for qualifier in qualifiers:
+        if _QUALIFIERS[qualifier.tag] != head.tag:
+            due = _QUALIFIERS[qualifier.tag]
+            raise PatchError(
+                f"<{head.tag}/> has no <{qualifier.tag}>; that is for <{due}/>", qualifier.place
+            )
+    if len(qualifiers) > 1:
+        second = qualifiers[1]
+        raise PatchError(
+            f"a second <{second.tag}> of <{head.tag}/>; it has one at most", second.place
+        )
+    return _only(qualifiers[0], "value", named) if qualifiers else None
+
+
+def _of_one(head: Element, value: Node, qualified: Node | None) -> Node:
     """A function of one argument, with the degree of a root or the base of a logarithm."""
     tag = head.tag
-    inside = {name: _read(q.children[0], named) for name, q in qualifiers.items() if q.children}
     if tag == "root":
-        if inside.get("degree", Number(2.0)) == Number(2.0):
+        if qualified is None or qualified == Number(2.0):
             return Call("sqrt", (value,))
-        return Binary("**", value, Binary("/", Number(1.0), inside["degree"]))
+        return Binary("**", value, Binary("/", Number(1.0), qualified))
     if tag == "log":
-        if inside.get("logbase", Number(10.0)) == Number(10.0):
+        if qualified is None or qualified == Number(10.0):
             return Call("log10", (value,))
-        return Binary("/", Call("log", (value,)), Call("log", (inside["logbase"],)))
+        return Binary("/", Call("log", (value,)), Call("log", (qualified,)))
     if tag == "not":
         return Unary("not", value)
     if tag in _FUNCTIONS:

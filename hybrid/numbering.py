@@ -106,7 +106,7 @@ class Numbering:
         self.finds: list[Axis] = []
         self.looks: list[tuple[Table, tuple[int, ...]]] = []
         self.asks: list[list[tuple[int, int, int]]] = []
-        self.constant = _constant(tape)
+        self.constant = constant_registers(tape)
         for first, end in itertools.pairwise(tape.starts[:, CODE].tolist()):
             self.asks.append([])
             self.programs.append([])
@@ -214,7 +214,7 @@ class Numbering:
         return self._known[key]
 
 
-def _constant(tape: Tape) -> set[int]:
+def constant_registers(tape: Tape) -> set[int]:
     """Registers that no program writes to, nor what programs are given."""
     adcs = range(min(tape.word_registers.tolist(), default=0))
     written = (tape.code[:, 1], tape.memory[:, Memory.KEEPS], tape.shared[:, 0])

@@ -1,11 +1,9 @@
-"""Digital processors by name: how long their operations take, and how many operations a program is.
+"""Digital processors by name: how long their operations take.
 
-Stage 0 for `tasks`. The time of a cycle is the sum over its operations: an addition takes as long as a
-subtraction, a comparison, a choice or a sign; every word computed is stored, which takes one `store`.
-Functions that a machine has no instruction for are counted as the subroutines that they were: a
-polynomial of six terms (C. Hastings, "Approximations for Digital Computers", 1955, has those of 1e-7)
-is 6 multiplications and 6 additions, a square root is three steps of Newton's method (a division and an
-addition each). Reading operands is in the published times of the machines that read them from memory.
+Stage 0 for `tasks`. The time of a cycle is the sum over its operations, one after the other;
+`operations` says how many a program has. A square root, where the machine has none, is three steps of
+Newton's method, a division and an addition each. Reading operands is in the published times of the
+machines that read them from memory.
 
 Published times:
 
@@ -36,8 +34,7 @@ Published times:
 
 from __future__ import annotations
 
-from collections import Counter
-from collections.abc import Iterable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass
 from types import MappingProxyType
 
@@ -69,54 +66,7 @@ class Processor:
         )
 
 
-OPERATIONS = ("add", "multiply", "divide", "square_root", "store")
 NEWTON_STEPS = 3
-_ADD = {"add": 1}
-_POLYNOMIAL = {"add": 6, "multiply": 6}
-
-
-def _of(*parts: Mapping[str, int]) -> Mapping[str, int]:
-    total: Counter[str] = Counter()
-    for part in parts:
-        total.update(part)
-    return MappingProxyType(dict(total))
-
-
-_DIVIDE, _MULTIPLY, _ROOT = {"divide": 1}, {"multiply": 1}, {"square_root": 1}
-# Operations of the tape by name; any other is a function of one polynomial.
-_COST: Mapping[str, Mapping[str, int]] = {
-    "copy": {"store": 1},
-    **dict.fromkeys(("add", "sub", "neg", "abs", "sign", "min", "max", "not", "and", "or"), _ADD),
-    **dict.fromkeys(
-        ("lt", "le", "gt", "ge", "eq", "ne", "select", "skip", "floor", "ceil", "round"), _ADD
-    ),
-    **{key: {"add": 2} for key in ("limit", "dead_zone")},
-    "mul": _MULTIPLY,
-    "div": _DIVIDE,
-    "sqrt": _ROOT,
-    "hypot": _of(_ROOT, {"multiply": 2}, _ADD),
-    "mod": _of(_DIVIDE, _MULTIPLY, {"add": 2}),
-    "pow": _of(_POLYNOMIAL, _POLYNOMIAL, _MULTIPLY),
-    "tan": _of(_POLYNOMIAL, _POLYNOMIAL, _DIVIDE),
-    "asin": _of(_POLYNOMIAL, _ROOT),
-    "acos": _of(_POLYNOMIAL, _ROOT),
-    "atan2": _of(_POLYNOMIAL, _DIVIDE),
-    **dict.fromkeys(("sinh", "cosh", "tanh"), _of(_POLYNOMIAL, _DIVIDE, {"add": 2})),
-    **dict.fromkeys(("asinh", "acosh"), _of(_POLYNOMIAL, _ROOT, _MULTIPLY, {"add": 2})),
-    "atanh": _of(_POLYNOMIAL, _DIVIDE, {"add": 2}),
-}
-
-
-def operations_of(codes: Iterable[str]) -> dict[str, int]:
-    """How many additions, multiplications, divisions, square roots and stores these operations are.
-
-    Args: codes: names of the tape's operations, lower case.
-    """
-    total: Counter[str] = Counter()
-    for code, times in Counter(codes).items():
-        for operation, count in _COST.get(code, _POLYNOMIAL).items():
-            total[operation] += times * count
-    return {operation: total[operation] for operation in OPERATIONS}
 
 
 def _by_cycles(

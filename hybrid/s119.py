@@ -60,8 +60,8 @@ def unit_text(text: str) -> str | None:
     if None in found or "" in below or not text.strip("_ "):
         return None
     top, *under = [part for part in found if part is not None]
-    under = [part for part in under if part]
-    return "/".join([top or ("1" if under else ""), *(f"({part})" for part in under)])
+    below = [f"({part})" if "*" in part else part for part in under if part]
+    return "/".join([top or ("1" if below else ""), *below])
 
 
 def _product(text: str) -> str | None:

@@ -21,7 +21,7 @@ from hybrid.patch import Assignment, MachineSettings, Patch, Program, RunSetting
 from hybrid.patchfile.program import computing_order
 from hybrid.runs import run
 from hybrid.s119 import unit_text
-from hybrid.tables import CLAMPS, Axis, Floats, Table
+from hybrid.tables import CLAMPS, Axis, Floats, Table, limits
 from hybrid.units import unit_of
 from hybrid.xmltree import Element
 
@@ -258,7 +258,8 @@ def _listed(model: Model, shots: Sequence[_Shot], variable: Variable) -> Node:
     axis = Axis(CLOCK, points, (points[0], points[-1]), CLAMPS, CLAMPS)
     held = np.resize(np.array(values), len(points))
     table = Table(f"{model.prefix}:{variable.name}", (axis,), held)
-    return limited(LookUp(table, (Name(CLOCK),)), *map(Number, variable.limits))
+    within = limits(table.name, variable.name, variable.limits)
+    return limited(LookUp(table, (Name(CLOCK),)), within)
 
 
 def _patch(model: Model, words: Sequence[Assignment], cycles: int) -> Patch:

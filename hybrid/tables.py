@@ -26,7 +26,7 @@ ENDLESS = 1e300
 NEAREST = 1e-300
 MOST_VARIABLES = 4
 MOST_VALUES = 1_000_000
-METHODS = ("linear", "cubic", "simplices")
+METHODS = ("linear", "cubic", "simplices", "limits")
 
 # What a function does where it is asked beyond its range, and how a run says so.
 CONTINUES, CLAMPS, STOPS = range(3)
@@ -65,7 +65,8 @@ class Table:
 
     Linear along each variable (multilinear), or cubic: the monotone piecewise cubic of Fritsch and
     Carlson along the last variable, then of the results along the one before it, and so on. Values of
-    simplices stand at points that lie anywhere, (points,), with a `mesh` between them.
+    simplices stand at points that lie anywhere, (points,), with a `mesh` between them. Limits are of one
+    variable, and are its value, kept within its range: a limiter of which a run tells where it acts.
     """
 
     name: str
@@ -107,3 +108,21 @@ def check_size(counts: Sequence[int]) -> None:
         raise TableError(f"it has {len(counts)} inputs; 1 to {MOST_VARIABLES} are possible")
     if math.prod(counts) > MOST_VALUES:
         raise TableError(f"it has {math.prod(counts)} values; at most {MOST_VALUES} are possible")
+
+
+def limits(
+    name: str,
+    variable: str,
+    between: tuple[float, float],
+    dimension: Dimension = PURE,
+    told_in: tuple[str | None, float] = (None, 1.0),
+) -> Table | None:
+    """What keeps a variable between two values in SI units, of which either may be infinite; None where
+    both are. told_in: a unit and its SI value."""
+    if between == (-math.inf, math.inf):
+        return None
+    low, high = (min(max(end, -ENDLESS), ENDLESS) for end in between)
+    below, above = (CLAMPS if math.isfinite(end) else CONTINUES for end in between)
+    points = np.array([low, high])
+    axis = Axis(variable, points, (low, high), below, above, dimension, *told_in)
+    return Table(name, (axis,), points, "limits", dimension)

@@ -5,16 +5,16 @@ Stage 3, for `compiler`.
 
 from __future__ import annotations
 
-import functools
 from collections.abc import Mapping, Sequence
 
+from hybrid.counting import program_operations
 from hybrid.errors import PatchError
 from hybrid.expressions import names
 from hybrid.machine import TaskTiming, utilisation
 from hybrid.patch import Adc, Dac, Program, Task, Value
-from hybrid.processors import PROCESSORS, Processor, operations_of
+from hybrid.processors import PROCESSORS, Processor
 from hybrid.scale import to_seconds, to_ticks
-from hybrid.tape import CODE, Op, Tape
+from hybrid.tape import Tape
 
 # 30 million years; no duration may be longer.
 LONGEST_S = 1e15
@@ -40,25 +40,6 @@ def ticks_of(duration: Value | None, scope: Mapping[str, float], time_scale: flo
             duration.place,
         )
     return ticks
-
-
-def program_operations(tape: Tape, number: int) -> dict[str, int]:
-    """How many operations of each kind a cycle of a program is, once its formulas have started."""
-    return dict(_operations(tape, number))
-
-
-# The runs of a sweep or batch mostly share programs, and each tells how much its tasks ask for.
-@functools.lru_cache(maxsize=64)
-def _operations(tape: Tape, number: int) -> Mapping[str, int]:
-    first, last = tape.starts[number : number + 2, CODE].tolist()
-    skips = [k for k in range(first, last) if tape.code[k, 0] == Op.SKIP]
-    counted = set(range(first, last)) - tape.beginning
-    for k in skips[
-        :-1
-    ]:  # the last has the step of every later cycle, those before have the first ones
-        counted -= set(range(k + 1, k + 1 + int(tape.registers[tape.code[k, 3]])))
-    found = operations_of(Op(tape.code[k, 0]).name.lower() for k in sorted(counted))
-    return {**found, "store": found["store"] + tape.past_rates[number]}
 
 
 def processor_of(program: Program, scope: Mapping[str, float]) -> Processor | None:

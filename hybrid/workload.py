@@ -11,11 +11,12 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
+from hybrid.counting import program_operations
 from hybrid.errors import counted
 from hybrid.machine import Machine, TaskTiming
 from hybrid.rota import TaskReport
 from hybrid.scale import to_seconds
-from hybrid.tasks import ROUNDING, program_operations
+from hybrid.tasks import ROUNDING
 from hybrid.timeline import Timeline
 
 # Of a timeline that never repeats, some seconds of laying out.

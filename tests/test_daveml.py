@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 
 from hybrid import daveml
+from hybrid.checks import check
 from hybrid.cli import main
 from hybrid.compiler import compile_patch
 from hybrid.daveml import read_model
@@ -216,13 +217,47 @@ def test_limits_and_ranges_of_a_model(flown):
     assert told["range"] == [-5.0, 20.0]
     assert told["value"] == pytest.approx(-8.0, rel=4 * EPS)
     assert (kept["function"], kept["argument"]) == ("wing.speed", "speed")
-    assert kept["value"] == pytest.approx(0.3, rel=4 * EPS) and kept["times"] == 3
-    assert "asked for speed = 0.3, below 10 (3 times, first at 0 s; clamped)" in made.status_note
+    assert kept["value"] == pytest.approx(0.3 * FT, rel=4 * EPS) and kept["times"] == 3
+    assert "asked for speed = 0.3 ft/s, below 10 (3 times, first at 0 s; clamped)" in (
+        made.status_note
+    )
     made = flown(v=200 * FT)  # the table goes on beyond its highest speed
     assert made.record["force"].values[-1] == pytest.approx(1.5 * 200 * 30 * LBF, rel=16 * EPS)
     assert made.outside[0]["action"] == "continued"
     made = flown(alpha=math.radians(10.0))
     assert made.record["twist"].values[-1] == pytest.approx(math.radians(3.0 + 10.0), rel=16 * EPS)
+    (held,) = made.outside  # a calculation beyond its maxValue is told of as an input is
+    assert (held["function"], held["argument"], held["times"]) == ("wing.twist", "twist", 3)
+    assert (held["value"], held["action"]) == (pytest.approx(5.0, rel=4 * EPS), "clamped")
+    assert "wing.twist in word 'wing.twist' was asked for twist = 5, above 3" in made.status_note
+
+
+def test_limits_hold_one_side_or_both_and_constants_too(flown):
+    def twist(attributes, calculation="<apply><times/><cn>0.5</cn><ci>alpha</ci></apply>"):
+        model = MODEL.replace('maxValue="3"', attributes)
+        model = model.replace("<apply><times/><cn>0.5</cn><ci>alpha</ci></apply>", calculation)
+        made = flown(model, alpha=math.radians(4.0))
+        found = math.degrees(made.record["twist"].values[-1]) - 4.0
+        return pytest.approx(found, rel=64 * EPS), [told["value"] for told in made.outside]
+
+    assert twist("") == (2.0, [])
+    assert twist('minValue="2.5"') == (2.5, [pytest.approx(2.0)])
+    assert twist('minValue="1" maxValue="1"') == (1.0, [pytest.approx(2.0)])  # no range at all
+    assert twist('minValue="-1" maxValue="2.5"') == (2.0, [])
+    assert twist('maxValue="2.5"', "<cn>7</cn>") == (2.5, [7.0])
+    assert twist('maxValue="7"', "<cn>7</cn>") == (7.0, [])
+
+
+def test_what_is_no_number_passes_no_limit_and_no_comparison(flown):
+    root = "<apply><root/><apply><minus/><ci>alpha</ci></apply></apply>"
+    for calculation in (
+        root,
+        f"<apply><max/><cn>1</cn>{root}</apply>",
+        f"<apply><min/>{root}<cn>1</cn></apply>",
+    ):
+        model = MODEL.replace("<apply><times/><cn>0.5</cn><ci>alpha</ci></apply>", calculation)
+        made = flown(model.replace('maxValue="3"', 'minValue="0" maxValue="3"'))
+        assert made.status == "stopped" and "no finite number for wing.twist" in made.status_note
 
 
 @pytest.mark.parametrize(
@@ -281,6 +316,10 @@ DEFAULT = '<!DOCTYPE DAVEfunc [<!ATTLIST variableDef initialValue CDATA "7">]><D
 DEEP = "<DAVEfunc>" + "<a>" * 200 + "</a>" * 200 + "</DAVEfunc>"
 
 
+PIECE = "<piece><cn>1</cn><true/></piece>"
+OTHERWISE = "<otherwise><cn>2</cn></otherwise>"
+
+
 @pytest.mark.parametrize(
     ("old", "new", "line", "said"),
     [
@@ -331,7 +370,38 @@ DEEP = "<DAVEfunc>" + "<a>" * 200 + "</a>" * 200 + "</DAVEfunc>"
         ("<cn>0.5</cn>", "<piecewise><piece><cn>1</cn></piece></piecewise>", 12,
          "<piece> has 1 element; it needs two, a value and its condition"),
         ("<cn>0.5</cn>", "<piecewise>\n<piece><cn>1</cn><true/></piece>\n<otherwise/></piecewise>", 14,
-         "<otherwise> has 0 values; it needs one"),
+         "<otherwise> holds 0 values; it must hold one"),
+        ("<cn>0.5</cn>", '<cn type="integer" base="8">17</cn>', 12, "<cn> is of base '8'; only 10"),
+        ("<cn>0.5</cn>", '<cn type="rational">1<sep/>2</cn>', 12, "type 'rational'; the types read"),
+        ("<cn>0.5</cn>", "<cn>1<sep/>2</cn>", 12, "<cn> holds <sep/>; it must hold a number and"),
+        ("<cn>0.5</cn>", "<cn>1<foo/>2</cn>", 12, "<cn> holds <foo/>; it must hold a number and"),
+        ("<cn>0.5</cn>", "<ci>v<sep/></ci>", 12, "<ci> holds <sep/>; it must hold a name and"),
+        ("<apply><times/><cn>0.5</cn>", "<apply><root/><degree/>", 12, "<degree> holds 0 values; it"),
+        ("<apply><times/><cn>0.5</cn>", "<apply><root/><degree><cn>3</cn><cn>2</cn></degree>", 12,
+         "<degree> holds 2 values; it must hold one"),
+        ("<apply><times/><cn>0.5</cn>", "<apply><root/><degree><cn>3</cn></degree>\n<degree><cn>2</cn>"
+         "</degree>", 13, "a second <degree> of <root/>"),
+        ("<apply><times/><cn>0.5</cn>", "<apply><log/><logbase/>", 12, "<logbase> holds 0 values"),
+        ("<apply><times/><cn>0.5</cn>", "<apply><log/><logbase><cn>3</cn><cn>2</cn></logbase>", 12,
+         "<logbase> holds 2 values; it must hold one"),
+        ("<apply><times/><cn>0.5</cn>", "<apply><log/><degree><cn>2</cn></degree>", 12,
+         "<log/> has no <degree>; that is for <root/>"),
+        ("<cn>0.5</cn>", "<degree><cn>2</cn></degree>", 12, "<times/> has no <degree>"),
+        ("<times/><cn>0.5</cn>", "<times/>2<cn>0.5</cn>", 12, "<apply> holds the text '2'; numbers"),
+        ("<times/><cn>0.5</cn>", "<times><cn>2</cn></times><cn>1</cn>", 12, "<times> holds <cn/>; it"),
+        ("<cn>0.5</cn>", f"<piecewise>{PIECE}{OTHERWISE}\n{OTHERWISE}</piecewise>", 13,
+         "a second <otherwise>"),
+        ("<cn>0.5</cn>", f"<piecewise>{PIECE}\n<foo/>{OTHERWISE}</piecewise>", 13,
+         "<piecewise> holds <foo>; it must hold <piece>s"),
+        ("<cn>0.5</cn>", f"<piecewise>{PIECE}<otherwise/></piecewise>", 12, "holds 0 values"),
+        ("<cn>0.5</cn>", f"<piecewise>{OTHERWISE}</piecewise>", 12, "<piecewise> needs a <piece>"),
+        ("<cn>0.5</cn>", f"<piecewise>{PIECE}\n<otherwise><cn>1</cn><cn>2</cn></otherwise></piecewise>",
+         13, "<otherwise> holds 2 values; it must hold one"),
+        ("-1.0, 0.0, <!--", "-1.0,, <!--", 31, "<dataTable> has an empty cell after '-1.0'; write"),
+        ("-2.0, 0.0, 4.0,", "-2.0; ;4.0", 31, "an empty cell after '-2.0'"),
+        ("-2.0, 0.0, 4.0,", "-2.0, 0.0, 4.0,\n,", 31, "an empty cell after '4.0'"),
+        ("-1.0, 0.0, <!--", ", 0.0, <!--", 31, "<dataTable> has an empty cell at the beginning"),
+        ("0 100</bpVals>", "0,,100</bpVals>", 23, "<bpVals> has an empty cell after '0'"),
         ('units="lbf"', 'units="pounds"', 16, "'force' is in unknown units 'pounds'; say in the patch"),
     ],
 )  # fmt: skip
@@ -354,7 +424,7 @@ def test_what_is_wrong_in_a_model_is_told_with_its_line(flown, old, new, line, s
         ("angleOfAttack: alpha * 1", "span: 1 ft", 6, "'b' is no input of "),
         ("angleOfAttack: alpha * 1, v: v", "alpha: 1, angleOfAttack: 1, v: v", 6, "is given twice"),
         ("angleOfAttack: alpha * 1, ", "", 4, "needs its input 'angleOfAttack'"),
-        ("v: v}\n", "v: alpha}\n", 6, "'alpha' [1] and '3.048 m/s' [m/s] must have"),
+        ("v: v}\n", "v: alpha}\n", 6, "the speed, 'alpha' [1], must be in m/s"),
         ("alpha * 1,", "v,", 6, "input 'angleOfAttack' of model 'wing' is connected to what is in m/s"),
         ("v: v}\n", "v: w}\n", 6, "reads unknown 'w'"),
         ("v: v}\n", "v: v +}\n", 6, "not arithmetic"),
@@ -377,6 +447,39 @@ def test_what_is_wrong_in_the_patch_is_told_with_its_line(flown, old, new, line,
     assert said in message
     assert message.partition(": ")[0].endswith(f"a.yaml:{line}"), message
     assert "\n" not in message
+
+
+@pytest.mark.parametrize("kind", ["isInput", "isControl", "isDisturbance", "isState"])
+def test_what_is_given_from_outside_is_no_constant(flown, kind, tmp_path):
+    """v is an input of any kind with an initial value, which it has where nothing is connected."""
+    given = 'minValue="10"><isInput/>', f'minValue="10" initialValue="40"><{kind}/>'
+    model, alone = (
+        MODEL.replace(*given),
+        PATCH.replace(", v: v}", "}").replace(", v: 50 ft/s}", "}"),
+    )
+    made = flown(model)
+    assert made.record["force"].values[-1] == pytest.approx(0.75 * 50 * 30 * LBF, rel=16 * EPS)
+    made = flown(model, alone)
+    assert made.record["force"].values[-1] == pytest.approx(0.7 * 40 * 30 * LBF, rel=16 * EPS)
+    warned = check(tmp_path / "a.yaml", trial=False).warnings
+    assert [line for line in warned if "is not connected" in line] == [
+        f"{tmp_path}/wing.dml:7: input 'wing.speed' is not connected; it has its initialValue, 40 ft_s"
+    ]
+    flown(model)
+    assert not any("connected" in w for w in check(tmp_path / "a.yaml", trial=False).warnings)
+    made = flown(model.replace('"40"', '"4"'), alone)  # the limit is for it, too
+    assert made.record["force"].values[-1] == pytest.approx(0.55 * 10 * 30 * LBF, rel=16 * EPS)
+    assert made.outside[0]["value"] == 4.0
+
+
+def test_a_name_of_any_length_is_told_in_one_line(flown):
+    long = "x" * 1_000_000
+    model = MODEL.replace('name="speed"', f'name="{long}"').replace('name="span"', 'name="a&#10;b"')
+    patch = PATCH.replace("v: v}", "w: v}")
+    with pytest.raises(PatchError) as caught:
+        flown(model, patch)
+    assert len(str(caught.value)) < 400 and "\n" not in str(caught.value)
+    assert "no variable 'w'; valid: " in str(caught.value) and "xxx..." in str(caught.value)
 
 
 def test_units_given_in_the_patch_replace_those_of_the_file(flown):

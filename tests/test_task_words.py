@@ -6,12 +6,12 @@ import numpy as np
 import pytest
 
 from hybrid.compiler import compile_patch
+from hybrid.counting import program_operations
 from hybrid.cycle_map import cycle_maps
 from hybrid.errors import PatchError
 from hybrid.patchfile import parse_patch, read_patch
 from hybrid.prediction import predict
 from hybrid.runs import run
-from hybrid.tasks import program_operations
 from hybrid.together import only
 
 TASKS = """\

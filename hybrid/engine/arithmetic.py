@@ -40,10 +40,9 @@ def compute_function(op: int, held: float, a: float, b: float) -> float:
     if op >= NOT:
         logical: float = compute_logic(op, held, a, b)
         return logical
-    if op == MIN:
-        return min(a, b)
-    if op == MAX:
-        return max(a, b)
+    if op in (MIN, MAX):
+        chosen: float = lesser_or_greater(op, a, b)
+        return chosen
     if op == ABS:
         return math.fabs(a)
     if op == SQRT:
@@ -70,6 +69,15 @@ def compute_function(op: int, held: float, a: float, b: float) -> float:
         return float(np.sign(a))
     rare: float = compute_rare(op, a, b)
     return rare
+
+
+@compiled
+def lesser_or_greater(op: int, a: float, b: float) -> float:
+    """The smaller or the larger of two. Of what is no number it is none, on either side: a comparison
+    with that is false, which by itself would let the other one win."""
+    if math.isnan(a) or math.isnan(b):
+        return math.nan
+    return min(a, b) if op == MIN else max(a, b)
 
 
 @compiled

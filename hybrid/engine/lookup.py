@@ -30,7 +30,7 @@ POINTS, COUNT, BELOW, ABOVE = range(4)
 AXES, METHOD, VALUES, FIRST_AXIS = range(4)
 FIND, STRIDE, PER_AXIS = range(3)
 COLUMNS = FIRST_AXIS + (MOST_VARIABLES + 1) * PER_AXIS
-CUBIC, SIMPLICES = METHODS.index("cubic"), METHODS.index("simplices")
+CUBIC, SIMPLICES, LIMITS = (METHODS.index(name) for name in ("cubic", "simplices", "limits"))
 # What a search leaves behind. Floats: the argument within range, which part of the interval lies below
 # it, the argument as it was when it was out of range; in further rows, one for each axis of a table that
 # is being read, what was found at four neighbours. Ints: the interval; 0, or 1 more than what is done
@@ -316,6 +316,8 @@ def read(
         return _among_points(row, figures, tables, places, intervals)
     if tables[row, METHOD] == CUBIC:
         return _cubics(figures, axes, tables, row, count, values, places, intervals)
+    if tables[row, METHOD] == LIMITS:
+        return float(places[tables[row, FIRST_AXIS + FIND], X])
     return _linear(figures, tables, row, count, values, places, intervals)
 
 

@@ -9,14 +9,11 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 
-import numpy as np
-
 from hybrid.daveml import Model, Variable, limited, needed, read_model
 from hybrid.errors import PatchError, Place, did_you_mean, quoted
 from hybrid.expressions import (
     Binary,
     ExpressionError,
-    LookUp,
     Name,
     Node,
     Number,
@@ -29,8 +26,7 @@ from hybrid.parsing import parse
 from hybrid.patch import Assignment
 from hybrid.patchfile.book import Book, Role
 from hybrid.s119 import unit_text
-from hybrid.tables import CLAMPS, ENDLESS, Axis
-from hybrid.tables import Table as LookUpTable
+from hybrid.tables import limits
 from hybrid.units import Dimension, UnitError, unit_of
 from hybrid.yamltree import Table, Text, Tree
 
@@ -174,7 +170,14 @@ def model_words(book: Book, read: Iterable[str], readable: frozenset[str]) -> di
 def _connected(
     book: Book, use: ModelUse, variable: Variable, readable: frozenset[str]
 ) -> tuple[Node, Place]:
-    """What an input is connected to, in the units of the file, and where that is said."""
+    """What an input is connected to, in the units of the file, and where that is said.
+
+    One that is not connected has its initial value, if the file gives one.
+    """
+    name = f"{use.name}:{variable.name}"
+    if variable.id not in use.inputs and variable.initial is not None:
+        within = limits(name, variable.name, variable.limits)
+        return limited(Number(variable.initial), within), variable.place
     if variable.id not in use.inputs:
         raise PatchError(
             f"model {use.name!r} needs its input {variable.name!r}; connect it: "
@@ -187,31 +190,18 @@ def _connected(
         expr = parse(given.text, readable, tables=book.tables)
     except ExpressionError as error:
         raise PatchError(f"{what}: {error}", given.place) from None
-    for name in sorted((names(expr) | previous_names(expr)) - readable):
-        refuse_model_name(book, what, name, given.place)
-        if name in book.roles:
-            raise PatchError(f"{what} reads {name!r}, which the program cannot read", given.place)
-        hint = did_you_mean(name, book.named(Role.PARAMETER, Role.ADC, Role.WORD))
-        raise PatchError(f"{what} reads unknown {quoted(name)}; {hint}", given.place)
-    factor, dimension, _ = use.scale(variable)
+    for read in sorted((names(expr) | previous_names(expr)) - readable):
+        refuse_model_name(book, what, read, given.place)
+        if read in book.roles:
+            raise PatchError(f"{what} reads {read!r}, which the program cannot read", given.place)
+        hint = did_you_mean(read, book.named(Role.PARAMETER, Role.ADC, Role.WORD))
+        raise PatchError(f"{what} reads unknown {quoted(read)}; {hint}", given.place)
+    factor, dimension, unit = use.scale(variable)
     if isinstance(expr, Number) and expr.dimension.is_pure:  # a bare number is in SI units
         expr = Number(expr.value, dimension)
-    low, high = (Number(limit * factor, dimension) for limit in variable.limits)
-    inside: Node = Binary("/", limited(expr, low, high), Number(factor, dimension))
-    return _watched(inside, expr, variable, use), given.place
-
-
-def _watched(inside: Node, expr: Node, variable: Variable, use: ModelUse) -> Node:
-    """An input with a table of zeros beside it, which a run asks so that it notices the limits."""
-    low, high = (min(max(limit, -ENDLESS), ENDLESS) for limit in variable.limits)
-    if (low, high) == (-ENDLESS, ENDLESS):
-        return inside
-    factor, dimension, _ = use.scale(variable)
-    points = np.array([low, high])
-    axis = Axis(variable.name, points, (low, high), CLAMPS, CLAMPS)
-    zeros = LookUpTable(f"{use.name}:{variable.name}", (axis,), np.zeros(2))
-    asked = Binary("/", expr, Number(factor, dimension))
-    return Binary("+", inside, LookUp(zeros, (asked,)))
+    between = (variable.limits[0] * factor, variable.limits[1] * factor)
+    within = limits(name, variable.name, between, dimension, (unit, factor))
+    return Binary("/", limited(expr, within), Number(factor, dimension)), given.place
 
 
 def check_input(book: Book, word: str, found: Dimension | None) -> None:

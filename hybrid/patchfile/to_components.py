@@ -224,7 +224,7 @@ class _Writer:
         if source in self.parameters:
             raise self.unfit(expr)
         if isinstance(expr, LookUp):
-            if len(arguments) > 1:
+            if len(arguments) > 1 or expr.table.method == "limits":
                 raise self.unfit(expr)
             return _Made("function", signals=(source,), points=self.points(expr.table, gain))
         match expr:
