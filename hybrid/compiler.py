@@ -28,7 +28,8 @@ from hybrid.modes import HOLD, IC, OP, TIMED_MODE
 from hybrid.patch import Adc, Component, Dac, Patch, Program, Value
 from hybrid.scale import TICKS_PER_SECOND, to_seconds
 from hybrid.streams import unit_error
-from hybrid.tape import Tape, build_tape
+from hybrid.tape import Tape
+from hybrid.taping import build_tape
 from hybrid.tasks import counted_ticks, task_of_adc, task_of_dac, task_timings, ticks_of
 from hybrid.valueless import refuse_valueless
 

@@ -25,7 +25,7 @@ from hybrid.machine import Analog, Floats, Machine, OutputStage
 from hybrid.memo import KeptByUse
 from hybrid.patch import Patch, RunSettings, WordSettings, literal
 from hybrid.scale import to_seconds
-from hybrid.tape import build_tape
+from hybrid.taping import build_tape
 from hybrid.together import attempt, only, passed_on
 
 MOST_NAMED = 3  # of modes that are over within a stretch
