@@ -7,6 +7,7 @@ there.
 
 from __future__ import annotations
 
+import logging
 import sys
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -37,9 +38,22 @@ MANY_INTERVALS = 100_000
 TAKES = "a few minutes, more where the machine is busy"
 
 
+class _Said(logging.Handler):
+    """What the package logs, on standard error."""
+
+    def emit(self, record: logging.LogRecord) -> None:
+        say(record.getMessage())
+
+
 def say_if_compiling(machine: Machine, engine: str) -> None:
-    """The first run after installation takes a while; say why."""
+    """The first run after installation takes a while; say why, now and when it is on its way."""
     from hybrid.engine import kernel
+
+    logger = logging.getLogger("hybrid")
+    if not logger.handlers:
+        logger.addHandler(_Said())
+        logger.setLevel(logging.INFO)
+        logger.propagate = False
 
     limited = len(machine.tape.length_of) > 0
     if not kernel.is_compiled(kernel.play):

@@ -33,7 +33,10 @@ SERIES_TERMS = 60  # 0.1**60 / 60! is far below 10**-DIGITS
 # and the linear engine's. So the second process begins with the linear engine, which the first needs
 # last: each then finds on disk what the other has compiled. Word lengths have a kernel of their own.
 COMPILE = "import sys, hybrid\nfor name in sys.argv[2:]: hybrid.run(name, machine=sys.argv[1])"
-COMPILED = (("lags", "van_der_pol", "two_precisions"), ("nominal", "pitch_loop", "van_der_pol"))
+COMPILED = (
+    ("lags", "van_der_pol", "two_precisions"),
+    ("nominal", "pitch_loop", "harmonic_oscillator", "van_der_pol"),
+)
 COMPILING = pytest.StashKey[list[subprocess.Popen[bytes]]]()
 # From a minute down to some ten seconds.
 LONGEST = (

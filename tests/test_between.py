@@ -1,5 +1,6 @@
 """Overloads of linear patches between the instants at which they are sampled, latched and recorded."""
 
+import logging
 import math
 from types import SimpleNamespace
 
@@ -10,6 +11,7 @@ from hypothesis import strategies as st
 from scipy.linalg import expm
 
 import hybrid
+from hybrid.engine import exact
 from hybrid.engine.ladder import chord_bounds, ladder_of, rungs_for, shortest_s
 
 SWING = """
@@ -178,3 +180,14 @@ def test_no_signal_leaves_its_chord_by_more_than_the_bounds(seed, lags, share):
     rounding = 1e-11 * np.max(np.abs(y))
     assert np.all(apart <= of_rates @ np.abs(ladder.rate @ z) + rounding)
     assert np.all(apart <= of_changes @ np.abs(end - z)[:n] + rounding)
+
+
+def test_what_is_compiled_on_the_way_is_told_once(monkeypatch, caplog):
+    monkeypatch.setattr(exact.kernel, "is_compiled", lambda *_: False)
+    monkeypatch.setattr(logging.getLogger("hybrid"), "propagate", True)
+    exact._tell_of_compiling.cache_clear()
+    patch = hybrid.parse_patch(SWING.format(scale=1, more=""))
+    with caplog.at_level(logging.INFO, logger="hybrid"):
+        for _ in range(2):
+            hybrid.run(patch)
+    assert [record.getMessage()[:9] for record in caplog.records] == ["compiling"]

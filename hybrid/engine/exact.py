@@ -7,6 +7,8 @@ what mostly holds. Where one can have, the stretch is played again, and looked a
 from __future__ import annotations
 
 import functools
+import logging
+from collections.abc import Callable
 
 import numpy as np
 
@@ -18,6 +20,8 @@ from hybrid.engine.linear import Player
 from hybrid.engine.lookout import Lookout
 from hybrid.engine.programs import play_programs
 from hybrid.scale import to_seconds
+
+LOGGER = logging.getLogger("hybrid")
 
 
 class ExactPlayer(Player):
@@ -62,6 +66,7 @@ class ExactPlayer(Player):
             play_programs: looking.play_programs,
             play_limited: looking.play_limited,
         }[self._compiled]
+        _tell_of_compiling(play)
         outcome: int = play(
             score,
             self.plant,
@@ -79,6 +84,15 @@ class ExactPlayer(Player):
         # An interval ends at an instant, and begins at the one before.
         self.lookout.end(lambda repeat, instant: self._instant_s(repeat, instant - 1))
         return outcome
+
+
+@functools.cache
+def _tell_of_compiling(play: Callable[..., int]) -> None:
+    """Once, as nobody can know before a run how near to full scale it comes."""
+    if not kernel.is_compiled(play):
+        LOGGER.info(
+            "compiling what looks between instants near full scale, once after installation ..."
+        )
 
 
 def _copied(state: State) -> list[np.ndarray]:
