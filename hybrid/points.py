@@ -99,8 +99,9 @@ class Point:
 
     @property
     def remarks(self) -> str:
-        """The note, and why readouts have no figures."""
-        reasons = [f"{n}: {q['reason']}" for n, q in self.measured.items() if q.get("reason")]
+        """The note, why readouts have no figures, and what is to be said of those they have."""
+        told = [(n, q.get(key)) for n, q in self.measured.items() for key in ("reason", "note")]
+        reasons = [f"{n}: {text}" for n, text in told if text]
         return "; ".join(dict.fromkeys(text for text in (self.note, *reasons) if text))
 
 

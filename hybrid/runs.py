@@ -33,6 +33,7 @@ from hybrid.naming import asked_text
 from hybrid.patch import Readout
 from hybrid.readout import FEWEST_ROWS_PER_CYCLE, READOUTS, figures, measure_transient
 from hybrid.record import full_scales, pens_for, record_parts, signal_units
+from hybrid.ripple import with_ripple
 from hybrid.roundoff import roundoff_text
 from hybrid.scale import row_times_s, to_seconds, to_ticks
 from hybrid.storage import Parts
@@ -350,20 +351,23 @@ def _read_out(result: Run) -> dict[str, dict[str, Any]]:
         is_transient = readout.kind == "transient"
         sparse = _too_sparse(result.machine, interval_s) if is_transient else ""
         late = _too_late(readout, result)
+        notes = [_overload_note(readout, result, last)]
         try:
             if late or sparse:
                 raise ValueError(late or sparse)
             if is_transient:
-                quantities = figures(measure_transient(values, interval_s))
+                measured = measure_transient(values, interval_s)
+                measured, note = with_ripple(measured, values, result.row_ticks, result.machine)
+                quantities = figures(measured)
+                notes.append(note)
             else:
                 quantities = READOUTS[readout.kind](result.time_s[first:last], values)
         except ValueError as reason:
             none = ("omega", "omega_damped", "zeta") if is_transient else ()
             quantities = dict.fromkeys(none)
             quantities["reason"] = str(reason)
-        note = _overload_note(readout, result, last)
         about = {"kind": readout.kind, "signal": readout.signal}
-        about |= {"units": units[readout.signal][0], "note": note}
+        about |= {"units": units[readout.signal][0], "note": "; ".join(filter(None, notes))}
         found[readout.name] = {**quantities, **about}
     return found
 
