@@ -1,10 +1,11 @@
-"""What rows between the cycles do to a transient: they show the ripple of the digital machine, which is no
-part of a mode.
+"""What rows between the cycles do to a transient: they show the ripple of the digital machine, which is
+no part of a mode.
 
-Stage 5. A record is a sum of modes at instants at which the digital machine is where it was: a cycle apart,
-with several tasks the time after which all of them are where they were. Between these it holds and steps.
-Rows are put together that are so far apart; what each of these groups gives has no ripple in it, and their
-mean differs from what all rows give by what the ripple does. Where no clock repeats, no group helps.
+Stage 5. A record is a sum of modes at instants at which the digital machine is where it was: a cycle
+apart, with several tasks the time after which all of them are where they were. Between these it holds and
+steps. Rows are put together that are so far apart; what each of these groups gives has no ripple in it,
+and their mean differs from what all rows give by what the ripple does. Where no clock repeats, no group
+helps.
 """
 
 from __future__ import annotations
@@ -27,8 +28,8 @@ FIGURES = ("omega", "omega_damped", "zeta")
 
 @dataclass(frozen=True, slots=True)
 class Repeat:
-    """After how many ticks the digital machine is where it was, 0 for never and without one; `reason`: why
-    never."""
+    """After how many ticks the digital machine is where it was, 0 for never and without one; `reason`:
+    why never."""
 
     ticks: int = 0
     reason: str = ""

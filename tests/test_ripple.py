@@ -1,5 +1,5 @@
-"""Transients of rows between the cycles of tasks: their stated errors beside the exact modes, and what is
-said where there is no such error."""
+"""Transients of rows between the cycles of tasks: their stated errors beside the exact modes, and what
+is said where there is no such error."""
 
 import math
 
