@@ -31,7 +31,7 @@ from hybrid.runs import check_windows, thinning, thinning_text
 from hybrid.scale import time_scale_text, to_seconds, to_ticks
 from hybrid.shots import ShotRow, check_shots
 from hybrid.timeline import build_timeline, seldom_text
-from hybrid.trial import Trial, Use, try_out, uses
+from hybrid.trial import Trial, Use, overflow_warnings, try_out, uses
 from hybrid.wordlength import Kind
 from hybrid.workload import TaskRow, task_rows, to_dicts
 from hybrid.workload import warnings as workload_warnings
@@ -59,6 +59,21 @@ class ScaleRow:
     used: float | None = None
     proposed: float | None = None
     remark: str = ""
+
+
+@dataclass(frozen=True, slots=True)
+class WordRow:
+    """One fixed-point word: its length and full scale, and what the trial run showed of it."""
+
+    word: str
+    bits: int
+    full_scale: float
+    units: str
+    overflow: str  # 'saturate', 'wrap' or 'stop'
+    largest: float | None
+    used: float | None
+    proposed: float | None
+    remark: str
 
 
 @dataclass(frozen=True, slots=True)
@@ -119,6 +134,7 @@ class Check:
     tasks: tuple[TaskRow, ...] = ()  # the work of the digital machine
     delays: tuple[DelayRow, ...] = ()
     shots: tuple[ShotRow, ...] = ()  # published values of models, and what is found
+    words: tuple[WordRow, ...] = ()  # of the program, in fixed point
 
     def to_dict(self) -> dict[str, Any]:
         """Everything as plain data."""
@@ -126,6 +142,7 @@ class Check:
             **machine_facts(self.machine),
             "trial": self.trial.to_dict() if self.trial else None,
             "scaling": [asdict(row) for row in self.scaling],
+            "words": [asdict(row) for row in self.words],
             "rate_test": [asdict(row) for row in self.rates],
             "parts": [asdict(part) for part in self.parts],
             "potentiometers": [asdict(row) for row in self.pots],
@@ -201,10 +218,11 @@ def check(
     if tried and any(task.when for task in compiled.timing.tasks):
         rows = tried.tasks
     compared, disagreeing = check_shots(compiled.patch)
+    used = uses(compiled, tried)
     return Check(
         compiled,
         tried,
-        _scaling(compiled, values, rates, uses(compiled, tried)),
+        _scaling(compiled, values, rates, used),
         tested,
         count_parts(compiled, pots),
         pots,
@@ -216,6 +234,7 @@ def check(
             *_warnings(compiled),
             *_left_open(compiled.patch),
             *_never_finite(compiled),
+            *overflow_warnings(compiled, tried),
             *rate_warnings(tested),
             *lost_constants(compiled),
             *asked_before(compiled),
@@ -226,6 +245,7 @@ def check(
         rows,
         _delays(compiled),
         tuple(compared),
+        _words(compiled, used),
     )
 
 
@@ -356,6 +376,25 @@ def _scaling(
             used[name].remark,
         )
         for name, value in zip(machine.analog.signals, values, strict=True)
+    )
+
+
+def _words(machine: Machine, used: dict[str, Use]) -> tuple[WordRow, ...]:
+    """The fixed-point words of the program, by name."""
+    units, scales = signal_units(machine), full_scales(machine)
+    return tuple(
+        WordRow(
+            word,
+            length.bits,
+            scales[word],
+            units[word][0],
+            length.overflow.name.lower(),
+            used[word].largest,
+            used[word].used,
+            used[word].proposed,
+            used[word].remark,
+        )
+        for word, length in sorted(machine.tape.fixed.items())
     )
 
 

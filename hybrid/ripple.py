@@ -2,10 +2,10 @@
 no part of a mode.
 
 Stage 5. A record is a sum of modes at instants at which the digital machine is where it was: a cycle
-apart, with several tasks the time after which all of them are where they were. Between these it holds and
-steps. Rows are put together that are so far apart; what each of these groups gives has no ripple in it,
-and their mean differs from what all rows give by what the ripple does. Where no clock repeats, no group
-helps.
+apart, with several tasks the time after which all of them are where they were. Between these it holds
+and steps. Rows are put together that are so far apart; what each of these groups gives has no ripple in
+it, and their mean differs from what all rows give by what the ripple does. Where no clock repeats, no
+group helps.
 """
 
 from __future__ import annotations

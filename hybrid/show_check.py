@@ -123,16 +123,17 @@ def _show_trial(console: Console, check: Check) -> None:
             f"Trial run, {length}: {escape(trial.note)}; no full scales proposed", style="red"
         )
         return
+    of_words = [(f"{row.word} ({row.bits} bit fixed)", row) for row in check.words]
     rows = [
         (
-            r.signal,
+            name,
             r.remark,
             f"{figure(r.largest, 5)} {r.units}".strip(),
             "-" if r.used is None else f"{100 * r.used:.3g} %",
             figure(r.full_scale, 6),
             figure(r.proposed, 6),
         )
-        for r in check.scaling
+        for name, r in [*((row.signal, row) for row in check.scaling), *of_words]
     ]
     columns = ("signal", "", "largest", "of range", "full scale", "proposed")
     show_table(console, f"Trial run, {length}", columns, rows, texts=2)
