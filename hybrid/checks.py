@@ -33,7 +33,7 @@ from hybrid.shots import ShotRow, check_shots
 from hybrid.timeline import build_timeline, seldom_text
 from hybrid.trial import Trial, Use, overflow_warnings, try_out, uses
 from hybrid.wordlength import Kind
-from hybrid.workload import TaskRow, task_rows, to_dicts
+from hybrid.workload import TaskRow, ended_cycles, task_rows, to_dicts
 from hybrid.workload import warnings as workload_warnings
 
 if TYPE_CHECKING:
@@ -202,7 +202,10 @@ def check(
     compiled = machine_of(patch, parameters, machine, serial)
     check_windows(compiled)
     timeline = build_timeline(compiled)
-    cycles = f"{counted(timeline.cycles, 'cycle')}, " if compiled.tape.words else ""
+    laid_out = task_rows(compiled, timeline)
+    # Where clocks jitter, only the first stretches are laid out here.
+    number = timeline.cycles if timeline.later else ended_cycles(compiled, laid_out)
+    cycles = f"{counted(number, 'cycle')}, " if compiled.tape.words else ""
     events = f"{cycles}{counted(timeline.rows, 'row')} of the record"
     if compiled.operation:
         number = compiled.operation.done(compiled.timing.until)
@@ -214,7 +217,7 @@ def check(
     tried = try_out(compiled) if trial else None
     values, rates = static_check(compiled)
     tested = rate_test(compiled, rates, tried)
-    pots, rows = pot_rows(compiled), task_rows(compiled, timeline)
+    pots, rows = pot_rows(compiled), laid_out
     if tried and any(task.when for task in compiled.timing.tasks):
         rows = tried.tasks
     compared, disagreeing = check_shots(compiled.patch)

@@ -39,7 +39,7 @@ from hybrid.expressions import names, to_text
 from hybrid.machine import Machine
 from hybrid.patch import Patch, Readout
 from hybrid.prediction import Prediction, predict_each
-from hybrid.record import patch_hash, signal_units, versions_text
+from hybrid.record import changed_names, patch_hash, signal_units, versions_text
 from hybrid.runs import run
 from hybrid.streams import stream
 from hybrid.together import attempt, passed_on
@@ -336,8 +336,8 @@ def window_text(readout: Readout) -> str:
     return " ".join(told)
 
 
-def origin(first: Machine) -> dict[str, str]:
-    """Attributes that say where a data set comes from."""
+def origin(first: Machine, varied: Collection[str]) -> dict[str, str]:
+    """Attributes that say where a data set comes from; varied: parameters that its runs differ in."""
     patch = first.patch
     return {
         "title": patch.title,
@@ -345,6 +345,7 @@ def origin(first: Machine) -> dict[str, str]:
         "patch_hash": patch_hash(patch),
         "file_hashes": json.dumps(patch.files),
         "on": json.dumps(dict(patch.on)),
+        "changed": json.dumps([name for name in changed_names(first) if name not in varied]),
         "machine": first.preset,
         "versions": versions_text(),
     }

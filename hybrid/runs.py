@@ -38,7 +38,7 @@ from hybrid.roundoff import roundoff_text
 from hybrid.scale import row_times_s, to_seconds, to_ticks
 from hybrid.storage import Parts
 from hybrid.timeline import Timeline, build_timeline
-from hybrid.workload import TaskRow, task_rows, to_dicts
+from hybrid.workload import TaskRow, ended_cycles, task_rows, to_dicts
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -115,9 +115,8 @@ class Run:
 
     @property
     def cycles(self) -> int:
-        """Digital cycles that were played."""
-        period = self.machine.timing.period
-        return self.done_ticks // period if period else sum(row.cycles for row in self.tasks)
+        """Digital cycles that ended: those of the program, or of the task with the shortest period."""
+        return ended_cycles(self.machine, self.tasks)
 
     @cached_property
     def firsts_s(self) -> dict[str, float]:
@@ -202,6 +201,7 @@ def run(
     machine: str | None = None,
     seed: int = 0,
     serial: int | None = None,
+    until: float | str | None = None,
     progress: Progress | None = None,
     readouts_only: bool = False,
     engine: str = "auto",
@@ -210,15 +210,16 @@ def run(
 
     Args: patch: a patch, the file or shipped name of one, or a compiled machine; parameters: SI
     numbers or texts with units ('2 ms'); machine: preset name; seed for the noise; serial: which
-    machine of the make; progress: called with the fraction done; readouts_only: record only what the
-    readouts need; engine: `exact`, `nonlinear`, `reference` (SciPy, slow) or `auto`, see
-    `engines`. Returns a Run: its `record` is over time in s, (rows,) a signal in the signal's units, its
-    `readouts` are dicts by name. A KeyboardInterrupt ends the run early and returns what was played.
-    Raises PatchError and RunError for the mistakes of the user.
+    machine of the make; until: end of the run in place of the patch's, in s or '20 s'; progress: called
+    with the fraction done; readouts_only: record only what the readouts need; engine: `exact`,
+    `nonlinear`, `reference` (SciPy, slow) or `auto`, see `engines`. Returns a Run: its `record` is over
+    time in s, (rows,) a signal in the signal's units, its `readouts` are dicts by name. A
+    KeyboardInterrupt ends the run early and returns what was played. Raises PatchError and RunError for
+    the mistakes of the user.
     """
     seed = check_seed(seed)
     circuit = wants_circuit(check_engine(engine))
-    compiled = machine_of(patch, parameters, machine, serial, circuit)
+    compiled = machine_of(patch, parameters, machine, serial, circuit, until)
     played_by = engine_of(compiled, engine)
     check_windows(compiled)
     timeline = build_timeline(compiled, seed)

@@ -1,4 +1,4 @@
-"""A trial run: how far every analog signal and fixed-point word goes, and which full scales would hold it.
+"""A trial run: how far analog signals and fixed-point words go, and which full scales would hold them.
 
 Stage 6, for `checks`. It is a run of the machine as it is compiled, but without the components' own
 noise, which needs no range and would hide a rate, and on through overloads. Noise sources are signals of
