@@ -17,7 +17,7 @@ from hybrid.components.delay import DEFAULT_ORDER, good_to
 from hybrid.cycle_map import stretch_s
 from hybrid.equipment import Part, count_parts
 from hybrid.errors import counted, known_as
-from hybrid.linearity import NeverFinite, NotLinear, linear_program
+from hybrid.linearity import NeverFinite, NotLinear, brief, linear_program
 from hybrid.loops import Loops, loops_of
 from hybrid.loudness import short_windows
 from hybrid.machine import Machine
@@ -430,7 +430,7 @@ def _which_prediction(machine: Machine) -> str:
     try:
         modes = coupling.modes(machine)
     except NotLinear as reason:
-        return f"no exact prediction: {reason}"
+        return f"no exact prediction: {brief(reason)}"
     kind = "the exact one-cycle matrix" if machine.timing.period else "the exact analog matrix"
     if machine.timing.tasks:
         length_s = stretch_s(machine)

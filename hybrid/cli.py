@@ -191,12 +191,13 @@ def _files_of(writers: Sequence[Callable[[], list[str]]]) -> tuple[list[str], Hy
 
 def _prediction(machine: Machine) -> Prediction | str:
     """The prediction, or the reason why there is none."""
+    from hybrid.linearity import brief
     from hybrid.prediction import predict_machine
 
     try:
         return predict_machine(machine)
     except RunError as reason:
-        return f"no prediction: {reason}"
+        return f"no prediction: {brief(reason)}"
 
 
 def predict_command(options: argparse.Namespace) -> int:

@@ -36,6 +36,7 @@ from hybrid.crew import (
 )
 from hybrid.errors import HybridError, RunError, counted
 from hybrid.expressions import names, to_text
+from hybrid.linearity import brief
 from hybrid.machine import Machine
 from hybrid.patch import Patch, Readout
 from hybrid.prediction import Prediction, predict_each
@@ -150,7 +151,7 @@ def _played(
         if isinstance(machine, HybridError):
             raise machine
         if isinstance(prediction, RunError):
-            note = f"no prediction: {prediction}"
+            note = f"no prediction: {brief(prediction)}"
         elif isinstance(prediction, HybridError):
             raise prediction
         elif prediction:
