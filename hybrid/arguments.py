@@ -43,7 +43,7 @@ def machine_of(
     the end of the run in place of the patch's.
     """
     if isinstance(source, Machine):
-        if parameters or not (machine is serial is until is None):
+        if parameters or any(given is not None for given in (machine, serial, until)):
             raise RunError(
                 "a compiled machine has its parameters, preset, serial number and end of the run; to "
                 "change them give the patch"

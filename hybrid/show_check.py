@@ -5,7 +5,7 @@ from __future__ import annotations
 from rich.console import Console
 from rich.markup import escape
 
-from hybrid.checks import PHASE_ERROR, Check
+from hybrid.checks import PHASE_ERROR, Check, ScaleRow, WordRow
 from hybrid.loops import loops_text
 from hybrid.shots import columns as columns_of_shots
 from hybrid.show import figure, show_table, speed_text
@@ -123,7 +123,8 @@ def _show_trial(console: Console, check: Check) -> None:
             f"Trial run, {length}: {escape(trial.note)}; no full scales proposed", style="red"
         )
         return
-    of_words = [(f"{row.word} ({row.bits} bit fixed)", row) for row in check.words]
+    named: list[tuple[str, ScaleRow | WordRow]] = [(row.signal, row) for row in check.scaling]
+    named += [(f"{row.word} ({row.bits} bit fixed)", row) for row in check.words]
     rows = [
         (
             name,
@@ -133,7 +134,7 @@ def _show_trial(console: Console, check: Check) -> None:
             figure(r.full_scale, 6),
             figure(r.proposed, 6),
         )
-        for name, r in [*((row.signal, row) for row in check.scaling), *of_words]
+        for name, r in named
     ]
     columns = ("signal", "", "largest", "of range", "full scale", "proposed")
     show_table(console, f"Trial run, {length}", columns, rows, texts=2)
