@@ -9,6 +9,7 @@ from __future__ import annotations
 import math
 import os
 from collections.abc import Mapping
+from dataclasses import replace
 from numbers import Integral, Real
 from typing import Any
 
@@ -17,7 +18,7 @@ from hybrid.errors import PatchError, RunError, did_you_mean, shown
 from hybrid.machine import Machine
 from hybrid.machines import PRESETS
 from hybrid.patch import Patch
-from hybrid.patchfile import parse_override, place_of, read_patch
+from hybrid.patchfile import parse_duration, parse_override, place_of, read_patch
 
 Source = Patch | str | os.PathLike[str]
 Parameters = Mapping[str, float | str]
@@ -34,21 +35,40 @@ def machine_of(
     machine: str | None = None,
     serial: int | None = None,
     as_circuit: bool = False,
+    until: float | str | None = None,
 ) -> Machine:
     """The compiled machine; raises PatchError and RunError for whatever cannot be compiled.
 
-    as_circuit: lay out even a linear analog side as a circuit; a compiled machine stays as it is.
+    as_circuit: lay out even a linear analog side as a circuit; a compiled machine stays as it is. until:
+    the end of the run in place of the patch's.
     """
     if isinstance(source, Machine):
-        if parameters or machine is not None or serial is not None:
+        if parameters or any(given is not None for given in (machine, serial, until)):
             raise RunError(
-                "a compiled machine has its parameters, preset and serial number; to change them "
-                "give the patch"
+                "a compiled machine has its parameters, preset, serial number and end of the run; to "
+                "change them give the patch"
             )
         return source
-    patch = patch_of(source)
+    patch = with_until(patch_of(source), until, "until")
     numbers = parameters_of(patch, parameters)
     return compile_patch(patch, numbers, preset_of(machine), serial_of(serial), as_circuit)
+
+
+def with_until(patch: Patch, until: float | str | None, what: str) -> Patch:
+    """The patch with the end of its run at `until`, seconds or a text such as '20 s', where that is
+    given.
+
+    what: the name of the option, for messages.
+    """
+    if until is None:
+        return patch
+    plain = _plain(until)
+    if not isinstance(plain, str):
+        number = finite_number(plain)
+        if number is None:
+            raise RunError(f"{what} is {shown(until)}; give seconds, or a text such as '20 s'")
+        plain = f"{number!r} s"
+    return replace(patch, run=replace(patch.run, until=parse_duration(plain, what)))
 
 
 def parameters_of(patch: Patch, parameters: Parameters | None) -> dict[str, float]:

@@ -112,7 +112,9 @@ class Batch:
         facts["parameters_si"] = json.dumps(self._shared("parameters_si"))
         facts["differ"] = json.dumps(self.differ)
         return xr.Dataset(
-            variables, {"run": runs, "readout": readouts}, {**origin(self.first), **facts}
+            variables,
+            {"run": runs, "readout": readouts},
+            {**origin(self.first, self.differ), **facts},
         )
 
     def _shared(self, key: str) -> dict[str, Any]:
@@ -133,7 +135,10 @@ class Batch:
             )
         serials = {self.serial_of(order) for order in self.orders}
         if len(serials) > 1:
-            told.append(f"serial {min(serials)} to {max(serials)}")
+            stages = self.first.stages.values()
+            drawn = any(s.tolerance or s.offset_limit or s.leak_limit for s in stages)
+            alike = "" if drawn else f", all alike: {self.machine!r} has no tolerances"
+            told.append(f"serial {min(serials)} to {max(serials)}{alike}")
         made = [(*(o.parameters[name] for name in self.differ), o.serial) for o in self.orders]
         each = set(Counter(made).values())
         if len(set(made)) > 1 and max(each) > 1:

@@ -17,7 +17,7 @@ from hybrid.components.delay import DEFAULT_ORDER, good_to
 from hybrid.cycle_map import stretch_s
 from hybrid.equipment import Part, count_parts
 from hybrid.errors import counted, known_as
-from hybrid.linearity import NeverFinite, NotLinear, linear_program
+from hybrid.linearity import NeverFinite, NotLinear, brief, linear_program
 from hybrid.loops import Loops, loops_of
 from hybrid.loudness import short_windows
 from hybrid.machine import Machine
@@ -31,9 +31,9 @@ from hybrid.runs import check_windows, thinning, thinning_text
 from hybrid.scale import time_scale_text, to_seconds, to_ticks
 from hybrid.shots import ShotRow, check_shots
 from hybrid.timeline import build_timeline, seldom_text
-from hybrid.trial import Trial, Use, try_out, uses
+from hybrid.trial import Trial, Use, overflow_warnings, try_out, uses
 from hybrid.wordlength import Kind
-from hybrid.workload import TaskRow, task_rows, to_dicts
+from hybrid.workload import TaskRow, ended_cycles, task_rows, to_dicts
 from hybrid.workload import warnings as workload_warnings
 
 if TYPE_CHECKING:
@@ -59,6 +59,21 @@ class ScaleRow:
     used: float | None = None
     proposed: float | None = None
     remark: str = ""
+
+
+@dataclass(frozen=True, slots=True)
+class WordRow:
+    """One fixed-point word: its length and full scale, and what the trial run showed of it."""
+
+    word: str
+    bits: int
+    full_scale: float
+    units: str
+    overflow: str  # 'saturate', 'wrap' or 'stop'
+    largest: float | None
+    used: float | None
+    proposed: float | None
+    remark: str
 
 
 @dataclass(frozen=True, slots=True)
@@ -119,6 +134,7 @@ class Check:
     tasks: tuple[TaskRow, ...] = ()  # the work of the digital machine
     delays: tuple[DelayRow, ...] = ()
     shots: tuple[ShotRow, ...] = ()  # published values of models, and what is found
+    words: tuple[WordRow, ...] = ()  # of the program, in fixed point
 
     def to_dict(self) -> dict[str, Any]:
         """Everything as plain data."""
@@ -126,6 +142,7 @@ class Check:
             **machine_facts(self.machine),
             "trial": self.trial.to_dict() if self.trial else None,
             "scaling": [asdict(row) for row in self.scaling],
+            "words": [asdict(row) for row in self.words],
             "rate_test": [asdict(row) for row in self.rates],
             "parts": [asdict(part) for part in self.parts],
             "potentiometers": [asdict(row) for row in self.pots],
@@ -185,7 +202,10 @@ def check(
     compiled = machine_of(patch, parameters, machine, serial)
     check_windows(compiled)
     timeline = build_timeline(compiled)
-    cycles = f"{counted(timeline.cycles, 'cycle')}, " if compiled.tape.words else ""
+    laid_out = task_rows(compiled, timeline)
+    # Where clocks jitter, only the first stretches are laid out here.
+    number = timeline.cycles if timeline.later else ended_cycles(compiled, laid_out)
+    cycles = f"{counted(number, 'cycle')}, " if compiled.tape.words else ""
     events = f"{cycles}{counted(timeline.rows, 'row')} of the record"
     if compiled.operation:
         number = compiled.operation.done(compiled.timing.until)
@@ -197,14 +217,15 @@ def check(
     tried = try_out(compiled) if trial else None
     values, rates = static_check(compiled)
     tested = rate_test(compiled, rates, tried)
-    pots, rows = pot_rows(compiled), task_rows(compiled, timeline)
+    pots, rows = pot_rows(compiled), laid_out
     if tried and any(task.when for task in compiled.timing.tasks):
         rows = tried.tasks
     compared, disagreeing = check_shots(compiled.patch)
+    used = uses(compiled, tried)
     return Check(
         compiled,
         tried,
-        _scaling(compiled, values, rates, uses(compiled, tried)),
+        _scaling(compiled, values, rates, used),
         tested,
         count_parts(compiled, pots),
         pots,
@@ -216,6 +237,7 @@ def check(
             *_warnings(compiled),
             *_left_open(compiled.patch),
             *_never_finite(compiled),
+            *overflow_warnings(compiled, tried),
             *rate_warnings(tested),
             *lost_constants(compiled),
             *asked_before(compiled),
@@ -226,6 +248,7 @@ def check(
         rows,
         _delays(compiled),
         tuple(compared),
+        _words(compiled, used),
     )
 
 
@@ -359,6 +382,25 @@ def _scaling(
     )
 
 
+def _words(machine: Machine, used: dict[str, Use]) -> tuple[WordRow, ...]:
+    """The fixed-point words of the program, by name."""
+    units, scales = signal_units(machine), full_scales(machine)
+    return tuple(
+        WordRow(
+            word,
+            length.bits,
+            scales[word],
+            units[word][0],
+            length.overflow.name.lower(),
+            used[word].largest,
+            used[word].used,
+            used[word].proposed,
+            used[word].remark,
+        )
+        for word, length in sorted(machine.tape.fixed.items())
+    )
+
+
 def _converters(machine: Machine) -> tuple[ConverterRow, ...]:
     units, scales = signal_units(machine), full_scales(machine)
     bits = {adc.name: adc.bits for adc in machine.patch.adcs}
@@ -388,7 +430,7 @@ def _which_prediction(machine: Machine) -> str:
     try:
         modes = coupling.modes(machine)
     except NotLinear as reason:
-        return f"no exact prediction: {reason}"
+        return f"no exact prediction: {brief(reason)}"
     kind = "the exact one-cycle matrix" if machine.timing.period else "the exact analog matrix"
     if machine.timing.tasks:
         length_s = stretch_s(machine)

@@ -29,7 +29,6 @@ from hybrid.options import (
     sweep_file,
     swept_range,
     with_chosen,
-    with_until,
     writable,
 )
 from hybrid.terminal import (
@@ -95,7 +94,9 @@ def run_command(options: argparse.Namespace) -> int:
 
 def _run(options: argparse.Namespace, filing: Filing) -> int:
     patch, parameters = patch_and_parameters(options)
-    patch, pens = with_chosen(with_until(patch, options.until), options.pens)
+    from hybrid.arguments import with_until
+
+    patch, pens = with_chosen(with_until(patch, options.until, "--until"), options.pens)
     if options.xy:
         from hybrid.charts.plotter import check_pairs, save_plots, with_pens
 
@@ -190,12 +191,13 @@ def _files_of(writers: Sequence[Callable[[], list[str]]]) -> tuple[list[str], Hy
 
 def _prediction(machine: Machine) -> Prediction | str:
     """The prediction, or the reason why there is none."""
+    from hybrid.linearity import brief
     from hybrid.prediction import predict_machine
 
     try:
         return predict_machine(machine)
     except RunError as reason:
-        return f"no prediction: {reason}"
+        return f"no prediction: {brief(reason)}"
 
 
 def predict_command(options: argparse.Namespace) -> int:
@@ -338,7 +340,7 @@ def batch_command(options: argparse.Namespace) -> int:
 
 def _ensemble_chart(result: Batch, path: Path) -> list[str]:
     from hybrid.charts.ensemble import Across, Spread, ensemble_chart
-    from hybrid.charts.style import provenance, save
+    from hybrid.charts.style import changed_fact, provenance, save
     from hybrid.storage import write_whole
 
     data, title = result.dataset, f"{result.patch.title}: {counted(len(result.points), 'run')}"
@@ -350,6 +352,7 @@ def _ensemble_chart(result: Batch, path: Path) -> list[str]:
     one = len({result.serial_of(order) for order in result.orders}) == 1
     same = f"serial {result.first.serial}" if one else ""
     facts = [*provenance(data.attrs), same, *result.varied, result.status_note]
+    facts.append(changed_fact(data.attrs))
     spreads = [Spread(name, *figure) for name, figure in result.figures().items()]
     figure = ensemble_chart(title, facts, spreads, across)
     write_whole(path, lambda part: save(figure, part))

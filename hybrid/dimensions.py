@@ -75,8 +75,18 @@ def _alike(tree: Node, parts: _Parts) -> Dimension | None:
             raise ExpressionError(
                 f"in {shown(to_text(tree))}: {shown(to_text(first))} [{expected}] and "
                 f"{shown(to_text(part))} [{dimension}] must have the same units"
+                + _remedy(first, expected, part, dimension)
             )
     return known[0][1] if known else None
+
+
+def _remedy(first: Node, expected: Dimension, part: Node, dimension: Dimension) -> str:
+    """How a plain number beside what has a unit gets one: within arithmetic only a parameter has."""
+    for number, its, due in ((first, expected, dimension), (part, dimension, expected)):
+        if its.is_pure and is_constant(number):
+            text = to_text(number)
+            return f"; a number with a unit is a parameter here, such as level: {text} {due}"
+    return ""
 
 
 def _call_dimension(tree: Call, parts: _Parts) -> Dimension | None:

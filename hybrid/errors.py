@@ -9,6 +9,7 @@ from __future__ import annotations
 import difflib
 from collections.abc import Iterable
 from dataclasses import dataclass
+from pathlib import Path
 
 LONGEST_QUOTE = 60
 
@@ -28,6 +29,17 @@ class Place:
     def __str__(self) -> str:
         plain = f"{self.file}:{self.line}" if self.file and self.line else self.file
         return f"{plain} (part {self.part} of {self.used})" if self.used else plain
+
+    @property
+    def brief(self) -> str:
+        """The same for a remark, without folders: 'entry.yaml:42 (part alone of line 64)'."""
+        name = Path(self.file).name
+        plain = f"{name}:{self.line}" if name and self.line else name
+        if not self.used:
+            return plain
+        same = self.used.file == self.file and not self.used.used
+        where = f"line {self.used.line}" if same else self.used.brief
+        return f"{plain} (part {self.part} of {where})"
 
 
 NOWHERE = Place()

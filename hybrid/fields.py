@@ -11,7 +11,7 @@ from dataclasses import dataclass
 
 from hybrid.dimensions import dimension_of
 from hybrid.errors import PatchError, Place, did_you_mean, quoted
-from hybrid.expressions import RESERVED_NAMES, ExpressionError, Number, names
+from hybrid.expressions import RESERVED_NAMES, ExpressionError, Name, Number, names
 from hybrid.keys import Bound, Holds, Key, Unit
 from hybrid.modes import RESERVED_SIGNALS
 from hybrid.parsing import parse
@@ -201,10 +201,12 @@ class Fields:
         scope: Scope,
         place: Place | None = None,
         places: Mapping[str, Place] | None = None,
+        units: Mapping[str, str] | None = None,
     ) -> None:
         """Refuses unknown keys at once; `place`: where a missing key is missed; `places`: where the
-        parameters stand."""
+        parameters stand, `units`: in which they are written."""
         self.table, self.what, self.scope, self._places = table, what, scope, places or {}
+        self._units = units or {}
         only_keys(table, keys, what, place)
 
     def tree(self, key: str) -> Tree:
@@ -282,7 +284,8 @@ class Fields:
         return self.integer("bits", 0) or None
 
     def full_scale(self) -> FullScale:
-        """The full scale, shown in `unit` where that is given, else in the unit it is written in."""
+        """The full scale, shown in `unit` where that is given, else in the unit it is written in, which
+        of a parameter is that of the parameter."""
         tree = self.tree("full_scale")
         value, found = self.value_of(tree, f"full_scale of {self.what}")
         dimension = found or PURE
@@ -294,6 +297,8 @@ class Fields:
             unit, factor = self._unit(Text("1 " + self.text("unit"), shown.place), dimension)
         elif isinstance(tree, Text) and isinstance(value.expr, Number):
             unit, factor = self._unit(tree, dimension)
+        elif isinstance(value.expr, Name) and (own := self._units.get(value.expr.id)):
+            unit, factor = self._unit(Text(f"1 {own}", value.place), dimension)
         else:
             unit, factor = "" if dimension.is_pure else str(dimension), 1.0
         return FullScale(positive, unit, factor, dimension)

@@ -28,6 +28,14 @@ class NotLinear(RunError):
         super().__init__(f"{place}: {message}" if str(place) else message)
 
 
+def brief(reason: RunError) -> str:
+    """Why there is no prediction, for a remark: files of patches without their folders."""
+    place = getattr(reason, "place", NOWHERE)
+    if not (isinstance(reason, NotLinear) and str(place)):
+        return str(reason)
+    return f"{place.brief}: {reason.message}"
+
+
 class NeverFinite(NotLinear):
     """A word has no finite value, whatever the program reads."""
 

@@ -246,15 +246,6 @@ def patch_and_parameters(options: argparse.Namespace) -> tuple[Patch, dict[str, 
     return patch, parameters_of(patch, texts)
 
 
-def with_until(patch: Patch, text: str | None) -> Patch:
-    """The patch with the end of its run from --until, where that is given."""
-    from hybrid.patchfile import parse_duration
-
-    if text is None:
-        return patch
-    return replace(patch, run=replace(patch.run, until=parse_duration(text, "--until")))
-
-
 def with_chosen(patch: Patch, pens: str | None) -> tuple[Patch, list[str] | None]:
     """The signals of --pens, or of a record of more than fit those that say most first; the patch with
     them in its record, too."""

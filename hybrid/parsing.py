@@ -204,8 +204,8 @@ def _refuse_foreign_text(text: str) -> None:
         raise ExpressionError("write == to compare", found.start() + 1)
     if found := _NUMBER_THEN_NAME.search(text):
         raise ExpressionError(
-            f"write {found[1]}*{found[2]} for a product; a number with a unit must stand alone, "
-            "so make it a parameter",
+            f"{found[1]} {found[2]}: a number with a unit must stand alone, so make it a parameter; for "
+            f"a product write {found[1]}*{found[2]}",
             found.start() + 1,
         )
     for found in _WORD.finditer(text):

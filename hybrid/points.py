@@ -36,10 +36,11 @@ from hybrid.crew import (
 )
 from hybrid.errors import HybridError, RunError, counted
 from hybrid.expressions import names, to_text
+from hybrid.linearity import brief
 from hybrid.machine import Machine
 from hybrid.patch import Patch, Readout
 from hybrid.prediction import Prediction, predict_each
-from hybrid.record import patch_hash, signal_units, versions_text
+from hybrid.record import changed_names, patch_hash, signal_units, versions_text
 from hybrid.runs import run
 from hybrid.streams import stream
 from hybrid.together import attempt, passed_on
@@ -99,8 +100,9 @@ class Point:
 
     @property
     def remarks(self) -> str:
-        """The note, and why readouts have no figures."""
-        reasons = [f"{n}: {q['reason']}" for n, q in self.measured.items() if q.get("reason")]
+        """The note, why readouts have no figures, and what is to be said of those they have."""
+        told = [(n, q.get(key)) for n, q in self.measured.items() for key in ("reason", "note")]
+        reasons = [f"{n}: {text}" for n, text in told if text]
         return "; ".join(dict.fromkeys(text for text in (self.note, *reasons) if text))
 
 
@@ -149,7 +151,7 @@ def _played(
         if isinstance(machine, HybridError):
             raise machine
         if isinstance(prediction, RunError):
-            note = f"no prediction: {prediction}"
+            note = f"no prediction: {brief(prediction)}"
         elif isinstance(prediction, HybridError):
             raise prediction
         elif prediction:
@@ -335,8 +337,8 @@ def window_text(readout: Readout) -> str:
     return " ".join(told)
 
 
-def origin(first: Machine) -> dict[str, str]:
-    """Attributes that say where a data set comes from."""
+def origin(first: Machine, varied: Collection[str]) -> dict[str, str]:
+    """Attributes that say where a data set comes from; varied: parameters that its runs differ in."""
     patch = first.patch
     return {
         "title": patch.title,
@@ -344,6 +346,7 @@ def origin(first: Machine) -> dict[str, str]:
         "patch_hash": patch_hash(patch),
         "file_hashes": json.dumps(patch.files),
         "on": json.dumps(dict(patch.on)),
+        "changed": json.dumps([name for name in changed_names(first) if name not in varied]),
         "machine": first.preset,
         "versions": versions_text(),
     }

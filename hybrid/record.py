@@ -94,6 +94,11 @@ def exact_parameters(machine: Machine, names: Iterable[str] | None = None) -> di
     return {k: v for k, v in _told(machine).items() if names is None or k in names}
 
 
+def changed_names(machine: Machine) -> list[str]:
+    """The parameters that were set from outside, in the order of the others."""
+    return [name for name in _told(machine) if name in machine.overrides]
+
+
 def _told(machine: Machine) -> dict[str, float]:
     """Parameters that are declared, and times of tasks that were set; the others follow from these."""
     known = machine.patch.parameters
@@ -158,6 +163,7 @@ def record_parts(
         "time_scale": machine.time_scale,
         "parameters": json.dumps(parameter_texts(machine)),
         "parameters_si": json.dumps(exact_parameters(machine)),
+        "changed": json.dumps(changed_names(machine)),
         **span_facts(machine),
         "versions": versions_text(),
         **_operation_text(machine),

@@ -33,11 +33,12 @@ from hybrid.naming import asked_text
 from hybrid.patch import Readout
 from hybrid.readout import FEWEST_ROWS_PER_CYCLE, READOUTS, figures, measure_transient
 from hybrid.record import full_scales, pens_for, record_parts, signal_units
+from hybrid.ripple import with_ripple
 from hybrid.roundoff import roundoff_text
 from hybrid.scale import row_times_s, to_seconds, to_ticks
 from hybrid.storage import Parts
 from hybrid.timeline import Timeline, build_timeline
-from hybrid.workload import TaskRow, task_rows, to_dicts
+from hybrid.workload import TaskRow, ended_cycles, task_rows, to_dicts
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -114,9 +115,8 @@ class Run:
 
     @property
     def cycles(self) -> int:
-        """Digital cycles that were played."""
-        period = self.machine.timing.period
-        return self.done_ticks // period if period else sum(row.cycles for row in self.tasks)
+        """Digital cycles that ended: those of the program, or of the task with the shortest period."""
+        return ended_cycles(self.machine, self.tasks)
 
     @cached_property
     def firsts_s(self) -> dict[str, float]:
@@ -201,6 +201,7 @@ def run(
     machine: str | None = None,
     seed: int = 0,
     serial: int | None = None,
+    until: float | str | None = None,
     progress: Progress | None = None,
     readouts_only: bool = False,
     engine: str = "auto",
@@ -209,15 +210,16 @@ def run(
 
     Args: patch: a patch, the file or shipped name of one, or a compiled machine; parameters: SI
     numbers or texts with units ('2 ms'); machine: preset name; seed for the noise; serial: which
-    machine of the make; progress: called with the fraction done; readouts_only: record only what the
-    readouts need; engine: `exact`, `nonlinear`, `reference` (SciPy, slow) or `auto`, see
-    `engines`. Returns a Run: its `record` is over time in s, (rows,) a signal in the signal's units, its
-    `readouts` are dicts by name. A KeyboardInterrupt ends the run early and returns what was played.
-    Raises PatchError and RunError for the mistakes of the user.
+    machine of the make; until: end of the run in place of the patch's, in s or '20 s'; progress: called
+    with the fraction done; readouts_only: record only what the readouts need; engine: `exact`,
+    `nonlinear`, `reference` (SciPy, slow) or `auto`, see `engines`. Returns a Run: its `record` is over
+    time in s, (rows,) a signal in the signal's units, its `readouts` are dicts by name. A
+    KeyboardInterrupt ends the run early and returns what was played. Raises PatchError and RunError for
+    the mistakes of the user.
     """
     seed = check_seed(seed)
     circuit = wants_circuit(check_engine(engine))
-    compiled = machine_of(patch, parameters, machine, serial, circuit)
+    compiled = machine_of(patch, parameters, machine, serial, circuit, until)
     played_by = engine_of(compiled, engine)
     check_windows(compiled)
     timeline = build_timeline(compiled, seed)
@@ -350,20 +352,23 @@ def _read_out(result: Run) -> dict[str, dict[str, Any]]:
         is_transient = readout.kind == "transient"
         sparse = _too_sparse(result.machine, interval_s) if is_transient else ""
         late = _too_late(readout, result)
+        notes = [_overload_note(readout, result, last)]
         try:
             if late or sparse:
                 raise ValueError(late or sparse)
             if is_transient:
-                quantities = figures(measure_transient(values, interval_s))
+                measured = measure_transient(values, interval_s)
+                measured, note = with_ripple(measured, values, result.row_ticks, result.machine)
+                quantities = figures(measured)
+                notes.append(note)
             else:
                 quantities = READOUTS[readout.kind](result.time_s[first:last], values)
         except ValueError as reason:
             none = ("omega", "omega_damped", "zeta") if is_transient else ()
             quantities = dict.fromkeys(none)
             quantities["reason"] = str(reason)
-        note = _overload_note(readout, result, last)
         about = {"kind": readout.kind, "signal": readout.signal}
-        about |= {"units": units[readout.signal][0], "note": note}
+        about |= {"units": units[readout.signal][0], "note": "; ".join(filter(None, notes))}
         found[readout.name] = {**quantities, **about}
     return found
 

@@ -111,9 +111,17 @@ def columns(
         own = [row for row in rows if row.model == model]
         every, agree = len({row.shot for row in own}), sum(row.agrees for row in own)
         used = max(_used(row) for row in own)
-        cells.append((model, str(every), str(len(own)), str(agree), f"{used:.3g}"))
+        cells.append(
+            (
+                model,
+                str(every),
+                str(len(own)),
+                str(agree),
+                f"{used:,.0f}" if 1e3 <= used < math.inf else f"{used:.3g}",
+            )
+        )
         told.append(f"model {model}: {agree} of {len(own)} published values within tolerance")
-    headings = ("model", "shots", "values", "within tolerance", "most of it used")
+    headings = ("model", "shots", "values", "within tolerance", "worst in tolerances")
     return headings, cells, told
 
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 from rich.console import Console
 from rich.markup import escape
 
-from hybrid.checks import PHASE_ERROR, Check
+from hybrid.checks import PHASE_ERROR, Check, ScaleRow, WordRow
 from hybrid.loops import loops_text
 from hybrid.shots import columns as columns_of_shots
 from hybrid.show import figure, show_table, speed_text
@@ -123,16 +123,18 @@ def _show_trial(console: Console, check: Check) -> None:
             f"Trial run, {length}: {escape(trial.note)}; no full scales proposed", style="red"
         )
         return
+    named: list[tuple[str, ScaleRow | WordRow]] = [(row.signal, row) for row in check.scaling]
+    named += [(f"{row.word} ({row.bits} bit fixed)", row) for row in check.words]
     rows = [
         (
-            r.signal,
+            name,
             r.remark,
             f"{figure(r.largest, 5)} {r.units}".strip(),
             "-" if r.used is None else f"{100 * r.used:.3g} %",
             figure(r.full_scale, 6),
             figure(r.proposed, 6),
         )
-        for r in check.scaling
+        for name, r in named
     ]
     columns = ("signal", "", "largest", "of range", "full scale", "proposed")
     show_table(console, f"Trial run, {length}", columns, rows, texts=2)

@@ -299,7 +299,7 @@ def _dataset(result: Sweep) -> xr.Dataset:
             "mode": ("mode", np.arange(modes)),
         },
         {
-            **origin(result.first),
+            **origin(result.first, [result.parameter]),
             "serial": result.first.serial,
             "parameters": json.dumps(result.parameters),
             "parameters_si": json.dumps(result.parameters_si),

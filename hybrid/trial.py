@@ -1,4 +1,4 @@
-"""A trial run: how far every analog signal goes, and which full scales would hold it.
+"""A trial run: how far analog signals and fixed-point words go, and which full scales would hold them.
 
 Stage 6, for `checks`. It is a run of the machine as it is compiled, but without the components' own
 noise, which needs no range and would hide a rate, and on through overloads. Noise sources are signals of
@@ -22,9 +22,10 @@ from hybrid.engine.beyond import DAC_SUFFIX
 from hybrid.engine.linear import Player
 from hybrid.engines import player_of
 from hybrid.machine import AT_SATURATION, Floats, Machine, Pen
-from hybrid.record import full_scales
+from hybrid.record import full_scales, signal_units
 from hybrid.scale import to_seconds
 from hybrid.timeline import build_timeline
+from hybrid.wordlength import Overflow
 from hybrid.workload import TaskRow, task_rows
 
 SEED = 0
@@ -40,6 +41,7 @@ NO_HEADROOM = 0.999
 # Full scales that read well on a meter, and what rounding may add to a signal that just fills one.
 ROUND = (1.0, 1.2, 1.5, 2.0, 2.5, 3.0, 4.0, 5.0, 6.0, 8.0, 10.0)
 SLACK = 1e-9
+DOES = {Overflow.SATURATE: "saturates", Overflow.WRAP: "wraps", Overflow.STOP: "stops the run"}
 # What an operator leaves above the largest value: twice the widest tolerance of `machines`, 2.1 %, and
 # some for its noise.
 HEADROOM = 0.05
@@ -54,8 +56,13 @@ class Trial:
     of_s: float
     status: str  # 'complete', 'cut' or 'stopped'
     note: str
-    largest_mu: dict[str, float]  # largest magnitude
-    held_back: frozenset[str]  # signals that a saturation or a converter kept from going further
+    largest_mu: dict[
+        str, float
+    ]  # largest magnitude, of fixed-point words in their full scales, too
+    held_back: frozenset[
+        str
+    ]  # signals that a saturation, converter or word kept from going further
+    overflown: tuple[str, ...]  # fixed-point words that went beyond their range
     interval_s: float
     rates_mu: dict[str, float]
     tasks: tuple[TaskRow, ...]  # how the digital machine did in it
@@ -77,12 +84,12 @@ def try_out(machine: Machine, longest_wall_s: float | None = None) -> Trial:
     limit_s = LONGEST_WALL_S if longest_wall_s is None else longest_wall_s
     machine = _without_own_noise(machine)
     signals = machine.analog.signals
-    most_cues = max(MOST_KEPT // max(len(signals), 1), 2)
-    pens = tuple(Pen(name, "analog", i, 1.0) for i, name in enumerate(signals))
+    pens = tuple(Pen(name, "analog", i, 1.0) for i, name in enumerate(signals)) + _of_words(machine)
+    most_cues = max(MOST_KEPT // max(len(pens), 1), 2)
     player = player_of(machine)(machine, build_timeline(machine), pens, SEED, sys.maxsize)
     # Every row is looked at and forgotten, so that no length of run fills the memory.
-    player.rows, player.keep_every = np.empty((most_cues, len(signals))), 1
-    head, largest = np.zeros((0, len(signals))), np.zeros(len(signals))
+    player.rows, player.keep_every = np.empty((most_cues, len(pens))), 1
+    head, largest = np.zeros((0, len(pens))), np.zeros(len(pens))
     began: float | None = None
     while player.outcome == kernel.PAUSED:
         if began is not None and time.monotonic() - began >= limit_s:
@@ -94,6 +101,12 @@ def try_out(machine: Machine, longest_wall_s: float | None = None) -> Trial:
         player.state.counts[kernel.ROWS] = 0
         began = began or time.monotonic()
     return _seen(machine, player, ending(player), largest, head)
+
+
+def _of_words(machine: Machine) -> tuple[Pen, ...]:
+    """The fixed-point words of the program, each in its full scale."""
+    words, fixed = machine.tape.words, machine.tape.fixed
+    return tuple(Pen(w, "word", words.index(w), 1.0 / fixed[w].full_scale) for w in sorted(fixed))
 
 
 def _without_own_noise(machine: Machine) -> Machine:
@@ -118,9 +131,10 @@ def _seen(
     machine: Machine, player: Player, end: tuple[str, str], peaks: Floats, head: Floats
 ) -> Trial:
     """head: the first rows."""
-    signals = machine.analog.signals
-    largest = _by_name(signals, peaks)
+    signals, words = machine.analog.signals, machine.tape.fixed.keys()
+    largest = _by_name((*signals, *sorted(words)), peaks)
     held_back = set()
+    overflown = [o.signal for o in player.overloads() if o.signal in words]
     for overload in player.overloads():
         name = overload.signal.removesuffix(DAC_SUFFIX)
         if name not in largest:
@@ -128,21 +142,25 @@ def _seen(
         if name != overload.signal and any(h.name == name and h.clips for h in machine.holders):
             held_back.add(name)
         largest[name] = max(largest[name], abs(overload.worst_mu))
+    for holder in machine.holders:
+        if machine.tape.words[holder.word] in overflown:
+            held_back.add(holder.name)
     for name in machine.logic:  # levels: what tolerance adds to them needs no range
         largest[name] = min(largest[name], 1.0)
-    for name, value in largest.items():
-        if value >= AT_SATURATION * machine.stages[name].saturation:
+    for name in signals:
+        if largest[name] >= AT_SATURATION * machine.stages[name].saturation:
             held_back.add(name)
     interval_s = to_seconds(machine.timing.every)
-    first = (head[1] - head[0]) / interval_s if len(head) > 1 else np.full(len(signals), math.nan)
+    rates = (head[1] - head[0]) / interval_s if len(head) > 1 else np.full(len(peaks), math.nan)
     return Trial(
         player.done_s,
         to_seconds(machine.timing.until),
         *end,
         largest,
-        frozenset(held_back),
+        frozenset(held_back | set(overflown)),
+        tuple(sorted(overflown)),
         interval_s,
-        _by_name(signals, first),
+        _by_name(signals, rates[: len(signals)]),
         task_rows(machine, player.timeline, player.done_ticks),
         player.outcome != kernel.RUNAWAY,
     )
@@ -176,12 +194,31 @@ class Use:
 
 
 def uses(machine: Machine, trial: Trial | None) -> dict[str, Use]:
-    """The use of every analog signal; nothing is known of it without a trial run, or after one that
-    ran away."""
-    signals, scales = machine.analog.signals, full_scales(machine)
+    """The use of every analog signal and fixed-point word; nothing is known of it without a trial run,
+    or after one that ran away."""
+    signals, scales = (*machine.analog.signals, *machine.tape.fixed), full_scales(machine)
     if trial is None or not trial.tells:
         return dict.fromkeys(signals, Use())
     return {name: _use(trial, name, scales[name], name in machine.logic) for name in signals}
+
+
+def overflow_warnings(machine: Machine, trial: Trial | None) -> list[str]:
+    """Fixed-point words that went beyond their range, with what becomes of them there."""
+    if trial is None or not trial.tells:
+        return []
+    units, scales = signal_units(machine), full_scales(machine)
+    found = []
+    for word in trial.overflown:
+        does = DOES[machine.tape.fixed[word].overflow]
+        unit = units[word][0]
+        went = f"{trial.largest_mu[word] * scales[word]:.5g} {unit}".strip()
+        found.append(
+            f"fixed-point word {word!r} would go to {went} in the trial run, beyond its full_scale of "
+            f"{scales[word]:.6g} {unit}".rstrip()
+            + f", and {does}: what follows from it, and the full scales proposed for that, are not what "
+            "they would be"
+        )
+    return found
 
 
 def _use(trial: Trial, name: str, full_scale: float, is_level: bool) -> Use:

@@ -92,6 +92,14 @@ def _row(machine: Machine, number: int, report: TaskReport, task: TaskTiming) ->
     )
 
 
+def ended_cycles(machine: Machine, rows: Sequence[TaskRow]) -> int:
+    """Cycles that ended of the program or, of tasks, of the one with the shortest period; where none has
+    a clock, of all."""
+    clock_s = to_seconds(machine.timing.period)
+    fastest = [row.cycles for row in rows if row.period_s == clock_s]
+    return max(fastest) if fastest else sum(row.cycles for row in rows)
+
+
 def columns(rows: Sequence[TaskRow]) -> tuple[tuple[str, ...], list[tuple[str, ...]]]:
     """Headings and cells of a table of the tasks, for people."""
     headings = (
@@ -150,6 +158,7 @@ def warnings(machine: Machine, rows: Sequence[TaskRow]) -> list[str]:
         )
     if too_slow := beyond_the_processor(machine):
         found.append(too_slow)
+    found += [f"{tasks[name].place}: {told}" for name, told in never_begun(machine).items()]
     places = {adc.name: adc.place for adc in machine.patch.adcs}
     found += [f"{places[name]}: {told}" for name, told in late_samples(machine).items()]
     for row in rows:
@@ -165,12 +174,13 @@ def warnings(machine: Machine, rows: Sequence[TaskRow]) -> list[str]:
 
 
 def load_text(machine: Machine, rows: Sequence[TaskRow]) -> str:
-    """The same of a run that was played, without places: too much work, and what became of cycles that
-    were due too early; ''."""
+    """The same of a run that was played, without places: tasks that never began, too much work, and what
+    became of cycles that were due too early; ''."""
     did = {"skip": "left out {}", "queue": "began {} late", "stop": "ended the run by {}"}
     overrun = {task.name: task.overrun for task in machine.timing.tasks}
     total = total_utilisation(rows)
-    told, late = [beyond_the_processor(machine)], list(late_samples(machine).values())
+    told = [*never_begun(machine).values(), beyond_the_processor(machine)]
+    late = list(late_samples(machine).values())
     told += late[:MOST_LATE]
     if len(late) > MOST_LATE:
         told.append(f"so do {len(late) - MOST_LATE} more")
@@ -182,6 +192,17 @@ def load_text(machine: Machine, rows: Sequence[TaskRow]) -> str:
             never = f" and left {row.waiting} waiting at the end" if row.waiting else ""
             told.append(f"task {row.task} {what}{never} (overrun: {overrun[row.task]})")
     return "; ".join(filter(None, told))
+
+
+def never_begun(machine: Machine) -> dict[str, str]:
+    """The tasks whose first cycle is due after the end of the run, and what is told of each."""
+    until = machine.timing.until
+    return {
+        task.name: f"task {task.name!r} never begins: its phase of {to_seconds(task.phase):.6g} s is "
+        f"after the end of the run at {to_seconds(until):.6g} s"
+        for task in machine.timing.tasks
+        if task.period and task.phase > until
+    }
 
 
 def late_samples(machine: Machine) -> dict[str, str]:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import json
+import math
 import re
 from pathlib import Path
 from types import SimpleNamespace
@@ -302,3 +303,26 @@ def test_docstrings_name_all_that_results_hold():
         second |= {"omega": ("mode",), "zeta": ("mode",)}  # of the ideals
         assert variable.dims == ("cycle", *second.get(name.split("_")[0], ())), name
         assert variable.shape[0] == 2
+
+
+def test_a_run_ends_where_it_is_asked_to_and_plays_again_from_its_record(loop) -> None:
+    first = hybrid.run(loop, until="0.25 s", machine="nominal", seed=5)
+    facts = first.record.attrs
+    assert facts["until_s"] == 0.25
+    again = hybrid.run(
+        loop,
+        json.loads(facts["parameters_si"]),
+        machine=facts["machine"],
+        serial=int(facts["serial"]),
+        seed=int(facts["seed"]),
+        until=facts["until_s"],
+    )
+    assert np.array_equal(first.rows, again.rows)
+    assert len(first.rows) < len(hybrid.run(loop, seed=5).rows)
+
+
+@pytest.mark.parametrize("until", ["0 s", "5 rad", "soon", -1.0, math.nan, [1.0]])
+def test_an_end_of_the_run_that_is_none_is_one_line(loop, until) -> None:
+    with pytest.raises(hybrid.HybridError, match="until") as told:
+        hybrid.run(loop, until=until)
+    assert "\n" not in str(told.value)

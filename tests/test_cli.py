@@ -114,6 +114,7 @@ CHECK = ABOUT | {
     "events",
     "warnings",
     "shots",
+    "words",
 }
 ROWS = {
     "scaling": {"signal", "kind", "full_scale", "units", "value", "value_mu", "rate_mu"}

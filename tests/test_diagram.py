@@ -498,3 +498,60 @@ class TestCommand:
         path = tmp_path / "some.yaml"
         path.write_text(LONE, encoding="utf-8")
         assert not re.search(re.escape(str(tmp_path)), draw(read_patch(path)))
+
+
+STATES = """
+title: States
+parameters: {k: 2 1/s, push_of_the_motor: 3 1/s, drag_of_the_axle: 4 1/s, slip_of_the_wheel: 5 1/s}
+analog:
+  x: {integrate: {y: 1}, initial: 0, full_scale: 1}
+  v: {integrate: {x: 1 1/s}, initial: 0, full_scale: 1}
+interface:
+  v_sample: {adc: v}
+  x_sample: {adc: x}
+  y: {dac: w, full_scale: 1 1/s, initial: 0 1/s}
+digital:
+  period: 10 ms
+  states:
+    short: {integrate: k*x_sample, initial: 0, reset_when: short > 1, reset_to: short - 1}
+    long:
+      integrate: push_of_the_motor*x_sample - drag_of_the_axle*v_sample - slip_of_the_wheel*long
+      initial: 0
+  program: {w: k*short}
+run: {until: 1 s}
+"""
+
+
+class TestOneProgram:
+    def test_what_comes_in_is_named_in_a_column_of_its_own(self):
+        patch = parse_patch(STATES)
+        sheet = Sheet(patch, patch.bind())
+        plan = lay_out(sheet.boxes, sheet.cords)
+        root = ET.fromstring(svg(sheet, plan))
+        left = _moved(root.find(f"{SVG}g"))[0]
+        (box,) = sheet.programs.values()
+        written = {(round(x, 1), round(y, 1)): text for text, x, y, *_ in _written(root)}
+        x, y = plan.places[box.box.name]
+        came = [route for route in plan.routes if route.cord.target == box.box.name]
+        assert {route.cord.port for route in came} == {"v_sample", "x_sample"}
+        for route in came:
+            at = x + left + 12, y + 78 + box.box.ins[route.place] + 0.36 * 9
+            assert written[round(at[0], 1), round(at[1], 1)] == route.cord.port
+
+    def test_resets_are_told_and_long_rates_are_not_cut_off(self):
+        texts = _texts(draw(parse_patch(STATES)))
+        assert any("→ short − 1 when short > 1" in text for text in texts)
+        assert not any("…" in text for text in texts)
+        together = " ".join(texts)
+        assert "slip_of_the_wheel·long" in together
+
+
+class TestComparators:
+    def test_only_hysteresis_is_drawn_as_a_loop(self):
+        patch = parse_patch(RESET)
+        sheet = Sheet(patch, patch.bind())
+        keys = {name: sheet.parts[name].key for name in ("far", "late", "side")}
+        assert keys["far"] == "compare"
+        assert keys["late"] == keys["side"] != "compare"
+        shapes = {key: SYMBOLS[key].draw(Field(54.0, 50.0)).count("<path") for key in keys.values()}
+        assert shapes["compare"] == shapes[keys["late"]] + 1

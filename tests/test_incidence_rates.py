@@ -166,6 +166,21 @@ def test_the_f16_swings_in_time_where_its_moments_lead(f16: Path) -> None:
     assert all(with_lead < without / 10 for with_lead, without in zip(led, late, strict=True))
 
 
+def test_the_f16_swings_as_all_digital_as_its_header_says(f16: Path) -> None:
+    """Of both rates, rolling being twice the yawing; all is largest in the first swing."""
+    split, whole = hybrid.read_patch(f16), hybrid.read_patch(f16, "digital")
+
+    def rates(patch: Patch, given: dict[str, float]) -> tuple[np.ndarray, np.ndarray]:
+        found = hybrid.run(patch, {**YAWED, **given}, machine="ideal", until=8.0).record
+        return found["body.p"].values, found["body.r"].values
+
+    true = rates(whole, {"compute_time": 0.0})
+    for given, rolling, yawing_ in (({}, 0.006, 0.003), ({"lead": 0.0}, 0.13, 0.0501)):
+        p, r = (float(np.abs(a - b).max()) for a, b in zip(rates(split, given), true, strict=True))
+        assert 0.9 * rolling < p < rolling
+        assert 0.85 * yawing_ < r < yawing_
+
+
 def test_the_f16s_angles_begin_as_its_motion_and_attitude_have_them(f16: Path) -> None:
     """Whatever the attitude and the climb at the start: as the digital machine forms them."""
     patch = hybrid.read_patch(f16, "digital")

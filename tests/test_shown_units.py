@@ -68,9 +68,9 @@ run: {until: 1 s}
         (
             "pitch: deg",
             "pitch: ft",
-            "unit of 'pitch' is 'ft'; it must be that of what is a pure number",
+            "unit of 'pitch' is 'ft' [m]; it must be that of what is a pure number",
         ),
-        ("height: ft", "height: deg", "unit of 'height' is 'deg'; it must be"),
+        ("height: ft", "height: deg", "unit of 'height' is 'deg' [1]; it must be"),
         ("height: ft", "height: furlongs_", "unit of 'height'"),
         ("height: ft", "height: [ft]", "units: 'height' needs a unit, not a list"),
     ],

@@ -292,3 +292,27 @@ def test_an_adc_whose_turn_comes_after_its_period_is_told(channel, told):
     # The words say the same: each is of so long after the start of a cycle.
     last_ms = 1e3 * run.record["then"].values[-1]
     assert math.remainder(last_ms - channel, 10) == pytest.approx(0, abs=1e-6)
+
+
+def test_a_task_that_never_begins_is_told_by_check_and_run():
+    text = hybrid.read_patch("rate_groups").text.replace(
+        "period: outer", "period: outer\n      phase: 3 s"
+    )
+    patch = parse_patch(text, "late.yaml")
+    (warning,) = [w for w in hybrid.check(patch).warnings if "never begins" in w]
+    assert warning.startswith("late.yaml:")
+    assert "'attitude_loop'" in warning and "phase of 3 s" in warning and "at 2 s" in warning
+    assert "'attitude_loop' never begins" in hybrid.run(patch).status_note
+    assert "never begins" not in hybrid.run(patch, until="3.5 s").status_note
+
+
+@pytest.mark.parametrize(("compute_time", "ended"), [("0 s", 101), ("10 ms", 100), ("30 ms", 98)])
+def test_heading_and_table_count_the_same_cycles(compute_time, ended):
+    """Those that begin at 0, 10 ... 1000 ms, and end by then."""
+    text = hybrid.read_patch("pitch_loop").text.replace("until: 10 s", "until: 1 s")
+    patch = parse_patch(text, "pitch_loop.yaml")
+    given = {"cycle": "10 ms", "compute_time": compute_time}
+    found = hybrid.run(patch, given, machine="ideal")
+    checked = hybrid.check(patch, given, machine="ideal", trial=False)
+    assert found.cycles == found.tasks[0].cycles == checked.tasks[0].cycles == ended
+    assert checked.events.startswith(f"{ended} cycles")

@@ -24,6 +24,7 @@ WIDE = 8.0  # a sweep is drawn on logarithmic scales if its ends are at least th
 DECADES = 9  # of a logarithmic scale of errors; an error that changes sign has no smallest value
 
 WIDTH_IN = 12.0
+LETTERS = 165  # of a line of the heading
 PANEL_IN = 4.4
 RESIDUAL_IN = 1.3
 LEFT_IN = 1.12
@@ -72,6 +73,7 @@ class Curves:
     partners: tuple[int | None, ...]
     modes: int
     closed_form: str
+    gaps: bool = False  # whether values between those that are drawn were never played
 
     def pen(self, readout: int) -> str:
         """Colour of a readout: that of the mode it is compared with."""
@@ -146,6 +148,7 @@ def _curves(sweep: xr.Dataset, swept: str) -> Curves:
         partners=tuple(_nearest_mode(column, reference) for column in measured.T),
         modes=sweep.sizes.get("mode", 0),
         closed_form=str(sweep.attrs.get("closed_form", "")),
+        gaps=sweep.attrs.get("status") == "interrupted",
     )
 
 
@@ -203,7 +206,8 @@ def _heading(sweep: xr.Dataset, curves: Curves, panels: Sequence[Panel]) -> list
     lines = [(f"{title}: {shown} against {curves.swept}", style.INK)]
     barred = any(np.isfinite(panel.error).any() for panel in panels)
     bars = ["bars: ± one standard deviation"] if barred else []
-    lines.append(("  ·  ".join([*style.provenance(about), count, *bars]), style.MUTED))
+    facts = [*style.provenance(about), count, *bars, style.changed_fact(about)]
+    lines += [(line, style.MUTED) for line in style.wrapped(facts, LETTERS)]
     if about.get("status") == "interrupted":
         lines.append(("Interrupted: only the values that were done are drawn.", style.ALARM))
     return lines
@@ -294,12 +298,14 @@ def _draw_panel(axes: Axes, curves: Curves, panel: Panel) -> None:
             (panel.closed_form, form, {"ls": (0, (5, 3)), "lw": 1.3, "color": style.INK}),
         ):
             if np.isfinite(table[:, mode]).any():
-                marker = "_" if np.count_nonzero(np.isfinite(table[:, mode])) == 1 else ""
+                alone = curves.gaps or np.count_nonzero(np.isfinite(table[:, mode])) == 1
+                marker = "_" if alone else ""
+                line |= {"ls": ""} if curves.gaps else {}
                 look: dict[str, Any] = {
                     "color": color,
                     "zorder": 3,
                     "marker": marker,
-                    "markersize": 16,
+                    "markersize": 7 if curves.gaps else 16,
                     **line,
                 }
                 axes.plot(curves.x, size(table[:, mode]), label=name + suffix, **look)

@@ -53,7 +53,8 @@ def lane_limits(values: Floats, full_scale: float) -> tuple[float, float]:
     """Choose the lowest and highest value a lane shows, in problem units.
 
     Plus and minus full scale if the signal uses a good part of it (more if it went beyond); else
-    round limits about zero, or about the signal itself where it varies little far from zero.
+    round limits about zero, or about the signal itself where it varies little far from zero. What has
+    no full scale and one sign goes from zero.
     """
     finite = values[np.isfinite(values)]
     low, high = (float(finite.min()), float(finite.max())) if finite.size else (0.0, 0.0)
@@ -65,7 +66,10 @@ def lane_limits(values: Floats, full_scale: float) -> tuple[float, float]:
         ticks = MaxNLocator(4, steps=[1, 2, 2.5, 5, 10]).tick_values(low, high)
         return float(ticks[0]), float(ticks[-1])
     elif not FAR_LESS * limit <= peak <= limit:
+        one_sided = not limit and low * high >= 0.0
         limit = style.round_up(peak)
+        if one_sided:
+            return (0.0, limit) if high > 0.0 else (-limit, 0.0)
     return -limit, limit
 
 
@@ -150,7 +154,9 @@ def _extremes(lane: Lane) -> list[str]:
     finite = lane.values[np.isfinite(lane.values)]
     if not finite.size:
         return ["no values"]
-    told = [f"max {number(finite.max())}", f"min {number(finite.min())}"]
+    least, largest = float(finite.min()), float(finite.max())
+    digits = style.digits_apart(least, largest, 4)
+    told = [f"max {number(largest, digits)}", f"min {number(least, digits)}"]
     if lane.early:
         told += ["nothing before the", f"first result, {style.duration(lane.first_s)}"]
     missing = lane.values.size - finite.size - lane.early

@@ -1,12 +1,15 @@
 """The digital machine on the patch diagram: a box for its program, or one for each of its tasks.
 
-A box tells its clock, or the comparator that starts it, and its words with their arithmetic. Cords
-come from the ADCs and the words of other tasks that it reads, at its left, and leave from the words
-that go to DACs and to other tasks, at their line. What starts a task comes in at its head.
+A box tells its clock, or the comparator that starts it, and its words with their arithmetic, of states
+the rate, over several lines where it is long, and what resets them. Cords come from the ADCs and the
+words of other tasks that it reads, at its left, each by its name in a column of their own, and leave
+from the words that go to DACs and to other tasks, at their line. What starts a task comes in at its
+head.
 """
 
 from __future__ import annotations
 
+import textwrap
 from collections.abc import Collection, Mapping
 from dataclasses import dataclass
 from xml.sax.saxutils import escape
@@ -25,14 +28,17 @@ NAME_SIZE, SMALL_SIZE, SHOWN_SIZE = 11.0, 9.0, 10.0
 ROW = 17.0
 HEAD = 44.0
 LEFT = 22.0  # from the box's edge to its text
+INDENT = 14.0  # of a further line of the same word
 MOST_WORDS = 40  # of a box; those at which a cord begins are always shown
 LONGEST_EXPRESSION = 44
+MOST_LINES = 4  # of the rate of a state
 CUT = 8.0  # what it costs the layout to run a word back to the left
 
 
 @dataclass(frozen=True)
 class Row:
-    """One word as it is written: what does not fit is cut off."""
+    """One line of a word as it is written: what does not fit is cut off. A further line of the same word
+    has no `word`."""
 
     word: str
     shown: str
@@ -50,7 +56,7 @@ class ProgramBox:
     more: str
     cords: tuple[Cord, ...]
     started: bool = False
-    labels_width: float = 0.0  # room for the names of what comes in; 0: they are not written
+    labels_width: float = 0.0  # room for the names of what comes in; 0: nothing does
 
 
 def program_boxes(patch: Patch, scope: Mapping[str, float]) -> tuple[ProgramBox, ...]:
@@ -123,12 +129,12 @@ def _program_box(
     task: Task | None = None,
 ) -> ProgramBox:
     rows = _rows(program, sent)
-    left_out = len(program.words) - len(rows)
+    left_out = len(program.words) - sum(bool(row.word) for row in rows)
     more = f"and {counted(left_out, 'more word')}" if left_out else ""
     title = task.name if task else "DIGITAL PROGRAM"
     started = bool(task and task.when)
     taken = cords[started:]
-    labels = [text_width(cord.port, SMALL_SIZE) for cord in taken] if task else []
+    labels = [text_width(cord.port, SMALL_SIZE) for cord in taken]
     labels_width = max(labels, default=0.0) + 16 if labels else 0.0
     widths = [labels_width + _row_width(row) for row in rows]
     widths += [labels_width + text_width(more, SMALL_SIZE), text_width(told, SMALL_SIZE)]
@@ -157,22 +163,39 @@ def _rows(program: Program, sent: Collection[str]) -> tuple[Row, ...]:
     telling = telling[: max(MOST_WORDS, sum(entry.word in sent for entry in telling))]
     # Hidden words are left out, but for those that a cord begins at.
     kept = {entry.word for entry in telling if not entry.hidden or entry.word in sent}
-    return tuple(_row(entry) for entry in program.written if entry.word in kept)
+    return tuple(row for entry in program.written if entry.word in kept for row in _rows_of(entry))
 
 
-def _row(entry: Assignment | State) -> Row:
+def _rows_of(entry: Assignment | State) -> list[Row]:
+    """The lines of a word: one, and of a state as many as its rate takes, and what resets it."""
     whole = to_text(entry.expr)
-    if isinstance(entry, State):
-        whole = f"∫ {whole}" if isinstance(entry.expr, Name) else f"∫ ({whole})"
-    shown = whole.replace("**", "^").replace("*", "·").replace("-", "−")
-    if len(shown) > LONGEST_EXPRESSION:
-        shown = shown[: LONGEST_EXPRESSION - 1] + "…"
-    return Row(entry.word, shown, whole)
+    if not isinstance(entry, State):
+        return [Row(entry.word, f"= {_cut(_for_the_eye(whole))}", f"{entry.word} = {whole}")]
+    whole = f"∫ {whole}" if isinstance(entry.expr, Name) else f"∫ ({whole})"
+    told = f"{entry.word} = {whole}"
+    lines = textwrap.wrap(_for_the_eye(whole), LONGEST_EXPRESSION, break_on_hyphens=False)
+    if len(lines) > MOST_LINES:
+        lines = [*lines[: MOST_LINES - 1], _cut(" ".join(lines[MOST_LINES - 1 :]))]
+    first, *further = map(_cut, lines)
+    if entry.reset_when and entry.reset_to:
+        value, when = to_text(entry.reset_to), to_text(entry.reset_when)
+        told += f", reset to {value} when {when}"
+        further += [_cut(_for_the_eye(f"→ {value} when {when}"))]
+    return [Row(entry.word, f"= {first}", told), *(Row("", line_, told) for line_ in further)]
+
+
+def _for_the_eye(text: str) -> str:
+    return text.replace("**", "^").replace("*", "·").replace("-", "−")
+
+
+def _cut(text: str) -> str:
+    return text if len(text) <= LONGEST_EXPRESSION else text[: LONGEST_EXPRESSION - 1] + "…"
 
 
 def _row_width(row: Row) -> float:
-    name = text_width(row.word, NAME_SIZE, bold=True)
-    return name + text_width(f" = {row.shown}", SHOWN_SIZE)
+    if not row.word:
+        return INDENT + text_width(row.shown, SHOWN_SIZE)
+    return text_width(row.word, NAME_SIZE, bold=True) + text_width(f" {row.shown}", SHOWN_SIZE)
 
 
 def _weight(entry: Assignment | State, sent: Collection[str]) -> int:
@@ -265,7 +288,10 @@ def _small(x: float, y: float, text: str) -> str:
 
 
 def _written(row: Row, x: float, y: float) -> str:
-    text = tag("tspan", row.word, font_weight="bold", data_signal=row.word)
-    text += tag("tspan", escape(printable(f" = {row.shown}")), font_size=SHOWN_SIZE)
-    tip = tag("title", escape(printable(f"{row.word} = {row.whole}")))
+    if row.word:
+        text = tag("tspan", row.word, font_weight="bold", data_signal=row.word)
+        text += tag("tspan", escape(printable(f" {row.shown}")), font_size=SHOWN_SIZE)
+    else:
+        text, x = tag("tspan", escape(printable(row.shown)), font_size=SHOWN_SIZE), x + INDENT
+    tip = tag("title", escape(printable(row.whole)))
     return tag("text", tip + text, x=x, y=y + 4, font_size=NAME_SIZE, fill=style.INK)

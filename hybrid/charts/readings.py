@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import re
 import textwrap
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -28,6 +29,7 @@ PANEL_IN = 3.4
 PANEL_WIDTH_IN = 4.7
 BELOW_IN = 0.85  # axis label and room to the next panel
 MOST_PANELS = 12
+LETTERS = 165  # of a line of the heading
 LABEL_LETTERS = 44  # of a line beside a panel
 
 
@@ -82,7 +84,8 @@ def _heading(sweep: xr.Dataset, swept: str, count: int) -> list[tuple[str, str]]
     title = str(about.get("title") or about.get("patch") or "Sweep")
     told = f"{points:,} value{'s' * (points != 1)} of {swept}"
     lines = [(f"{title}: readouts against {swept}", style.INK)]
-    lines.append(("  ·  ".join([*style.provenance(about), told]), style.MUTED))
+    facts = [*style.provenance(about), told, style.changed_fact(about)]
+    lines += [(line, style.MUTED) for line in style.wrapped(facts, LETTERS)]
     if about.get("status") == "interrupted":
         lines.append(("Interrupted: only the values that were done are drawn.", style.ALARM))
     status = sweep["status"].values.astype(str) if "status" in sweep else np.array([], dtype=str)
@@ -95,20 +98,24 @@ def _heading(sweep: xr.Dataset, swept: str, count: int) -> list[tuple[str, str]]
 
 
 def _draw_panel(axes: Axes, sweep: xr.Dataset, swept: str, name: str) -> None:
-    """One readout: a marker for every point, joined."""
+    """One readout: a marker for every point, joined but where one between has no figure or, in an
+    interrupted sweep, may never have been played."""
     x, y = sweep[swept].values.astype(np.float64), sweep[name].values.astype(np.float64)
     known = np.isfinite(y)
     size = 5.5 if len(x) <= 60 else 3.0
-    axes.plot(x[known], y[known], "-o", color=style.PENS[0], lw=1.2, ms=size, mfc="white", zorder=3)
+    line = "o" if sweep.attrs.get("status") == "interrupted" else "-o"
+    axes.plot(x, y, line, color=style.PENS[0], lw=1.2, ms=size, mfc="white", zorder=3)
     _scale(axes, "x", x)
     _scale(axes, "y", y[known])
     axes.grid(True, which="minor", color=style.RULING, lw=0.6)
     axes.grid(True, which="major", color=style.RULING_MAJOR, lw=0.8)
     about = sweep[name].attrs
     told = (about.get("readout"), about.get("signal"), about.get("window"))
-    label = f"{name.removeprefix('value_')} ({' '.join(str(word) for word in told if word)})"
-    label = style.with_unit(label, str(about.get("units", "")))
-    axes.set_ylabel("\n".join(textwrap.wrap(label, LABEL_LETTERS)))
+    # A number and its unit stay on one line.
+    words = [re.sub(r"(?<=\d) ", "\u00a0", str(word)) for word in told if word]
+    label = f"{name.removeprefix('value_')} ({' '.join(words)})"
+    label = style.with_unit(label, str(about.get("units", ""))).replace("), ", "),\u00a0")
+    axes.set_ylabel("\n".join(textwrap.wrap(label, LABEL_LETTERS)).replace("\u00a0", " "))
     axes.yaxis.set_label_coords(-0.155, 0.5)
     axes.set_xlabel(style.with_unit(swept, str(sweep[swept].attrs.get("units", ""))))
     if not known.any():

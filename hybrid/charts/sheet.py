@@ -65,7 +65,7 @@ class Sheet:
     def __post_init__(self) -> None:
         self.shown = {part.name: (part.unit, part.factor) for part in self.patch.analog_parts}
         boxes = program_boxes(self.patch, self.scope)
-        self.computed_by = {row.word: each.box.name for each in boxes for row in each.rows}
+        self.computed_by = {r.word: each.box.name for each in boxes for r in each.rows if r.word}
         self.sampled_by = adcs_served(self.patch, self.scope)
         for component in self.patch.components:
             self._add_component(component)
@@ -115,9 +115,10 @@ class Sheet:
                 pills[cord] = Pill(number(figure, 4), to_text(value.expr))
         symmetric = bool(component.terms) or kind == "multiply"
         curve = tuple((x.number(self.scope), y.number(self.scope)) for x, y in component.points)
+        one_level = kind == "compare" and not Figures(component, self.scope).si("hysteresis")
         self._add(
             name,
-            kind,
+            "compare at one level" if one_level else kind,
             cords,
             pills,
             below=(self._scale(component), *details(component, self.scope, self.shown)),

@@ -131,7 +131,7 @@ def _heading(
         _clocks(about),
         f"{int(about['cycles']):,} cycles" if about.get("cycles") else "",
         f"{int(about['operations']):,} operations" if about.get("operations") else "",
-        f"{style.duration(span)} recorded",
+        f"{style.duration(span, 6)} recorded",
         str(about.get("rows_note", "")),
         _between_rows(record, lanes),
         legend,

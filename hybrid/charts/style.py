@@ -216,7 +216,22 @@ def rule(axes: Axes, across: Floats, levels: Floats, heavy: int = 4) -> None:
 def mark_evenly(axis: Axis, count: int) -> None:
     """Put about `count` round figures on a linear axis."""
     axis.set_major_locator(MaxNLocator(count, steps=[1, 2, 2.5, 5, 10]))
-    axis.set_major_formatter(FuncFormatter(lambda value, _: number(value, 6)))
+    axis.set_major_formatter(FuncFormatter(lambda value, _: number(value, _digits(axis))))
+
+
+def digits_apart(low: float, high: float, least: int) -> int:
+    """So many significant digits, `least` or more, that a hundredth of the way from `low` to `high`
+    shows."""
+    peak, span = max(abs(low), abs(high)), high - low
+    if not (math.isfinite(peak) and span > 0.0):
+        return least
+    return min(max(least, math.ceil(math.log10(peak / span)) + 2), 15)
+
+
+def _digits(axis: Axis) -> int:
+    """Digits with which all figures on an axis differ."""
+    low, high = sorted(float(end) for end in axis.get_view_interval())
+    return digits_apart(low, high, 6)
 
 
 def mark_decades(axis: Axis, ratio: float) -> None:
@@ -248,13 +263,32 @@ def wrapped(facts: Sequence[str], letters: int) -> list[str]:
 
 
 def parameter_lines(about: Mapping[str, Any], letters: int) -> list[str]:
-    """'with  omega_p = 10 rad/s,  cycle = 1 ms' in two lines at most; none without parameters."""
+    """'set  cycle = 5 ms' in as many lines as it takes, for what was changed of the patch, and below
+    'with  omega_p = 10 rad/s,  I_yy = 1 kg·m²' in two lines at most, for the rest."""
     given = json.loads(about.get("parameters") or "{}")
-    if not given:
-        return []
-    told = (f"{key} = {unit_text(value)}".replace(" ", "\u00a0") for key, value in given.items())
-    lines = textwrap.wrap(f"with  {',  '.join(told)}", letters, max_lines=2, placeholder=" …")
+    changed = [name for name in json.loads(about.get("changed") or "[]") if name in given]
+    rest = [name for name in given if name not in changed]
+    lines = _listed("set", given, changed, letters)
+    lines += _listed("with", given, rest, letters, max_lines=2, placeholder=" …")
     return [line.replace("\u00a0", " ") for line in lines]
+
+
+def changed_fact(about: Mapping[str, Any]) -> str:
+    """What was changed of the patch, 'set cycle = 5 ms, omega_p = 12 rad/s'; '' for nothing."""
+    given = json.loads(about.get("parameters") or "{}")
+    changed = [name for name in json.loads(about.get("changed") or "[]") if name in given]
+    told = ", ".join(f"{name} = {unit_text(given[name])}" for name in changed)
+    return f"set {told}" if told else ""
+
+
+def _listed(
+    verb: str, given: Mapping[str, str], names: Sequence[str], letters: int, **limits: Any
+) -> list[str]:
+    """Parameters with their values in lines that end between two of them; none without any."""
+    if not names:
+        return []
+    told = (f"{name} = {unit_text(given[name])}".replace(" ", "\u00a0") for name in names)
+    return textwrap.wrap(f"{verb}  {',  '.join(told)}", letters, **limits)
 
 
 def is_held(about: Mapping[str, Any]) -> bool:

@@ -304,12 +304,17 @@ def _constant(field: Field) -> str:
 
 
 def _comparator(field: Field) -> str:
-    """A triangle with the step it makes, hysteresis shown."""
+    """A triangle with the steps it makes, one up and one down."""
     x, y = field.width * 0.34, field.height / 2
-    step = line(
-        (x - 11, y + 8), (x + 3, y + 8), (x + 3, y - 8), (x + 11, y - 8), stroke=style.PENS[0]
-    ) + line((x + 3, y - 8), (x - 4, y - 8), (x - 4, y + 8), stroke=style.PENS[0])
-    return _triangle(field) + step
+    down = line((x + 3, y - 8), (x - 4, y - 8), (x - 4, y + 8), stroke=style.PENS[0])
+    return _comparator_at_one_level(field) + down
+
+
+def _comparator_at_one_level(field: Field) -> str:
+    """One without hysteresis, which goes up and down at the same place."""
+    x, y = field.width * 0.34, field.height / 2
+    corners = ((x - 11, y + 8), (x + 3, y + 8), (x + 3, y - 8), (x + 11, y - 8))
+    return _triangle(field) + line(*corners, stroke=style.PENS[0])
 
 
 def _switch(field: Field) -> str:
@@ -409,6 +414,7 @@ SYMBOLS: Mapping[str, Symbol] = MappingProxyType(
             _curve((-1.1, -0.8), (-0.5, -0.8), (1.0, 0.8), (0.4, 0.8), (-1.1, -0.8), (-0.5, -0.8))
         ),
         "compare": Symbol(_comparator, 54.0, 50.0),
+        "compare at one level": Symbol(_comparator_at_one_level, 54.0, 50.0),
         "switch": Symbol(_switch, 50.0, 54.0),
         "track": Symbol(_track, 46.0, 46.0),
         "adc": Symbol(_pentagon("A/D", style.PENS[2]), 58.0, 34.0),

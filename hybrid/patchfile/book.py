@@ -98,7 +98,7 @@ class Book:
 
     def fields(self, table: Table, what: str, keys: Iterable[Key], place: Place) -> Fields:
         """Reader for the mapping of the name at `place`, whose numbers may use the parameters."""
-        return Fields(table, what, keys, self.scope, place, self.places)
+        return Fields(table, what, keys, self.scope, place, self.places, self.units)
 
     def named(self, *roles: Role) -> tuple[str, ...]:
         """Names of these roles, sorted."""

@@ -31,7 +31,8 @@ def read_shown_units(
         own = dimensions[word] or PURE
         if dimension != own:
             raise PatchError(
-                f"unit of {word!r} is {quoted(unit)}; it must be that of what is {in_words(own)}",
+                f"unit of {word!r} is {quoted(unit)} [{dimension}]; it must be that of what is "
+                f"{in_words(own)}",
                 item.place,
             )
         found[word] = unit, factor

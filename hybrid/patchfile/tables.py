@@ -4,13 +4,14 @@ from __future__ import annotations
 
 import csv
 import itertools
+import re
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import TypeVar
 
 import numpy as np
 
-from hybrid.errors import PatchError, Place, did_you_mean, quoted
+from hybrid.errors import PatchError, Place, counted, did_you_mean, quoted
 from hybrid.fields import Fields, in_words, table_of
 from hybrid.language import TABLE_KEYS
 from hybrid.meshes import check_spread, scattered_table, twice
@@ -37,6 +38,7 @@ from hybrid.yamltree import Text, Tree, kind_of
 
 _Found = TypeVar("_Found")
 _KEYS = {key.name: key for key in TABLE_KEYS}
+_DECIMAL_COMMA = re.compile(r"[+-]?\d*,\d")
 UNCLOSED = "a quotation mark opens a cell that has no end on its line; close it, or leave it out"
 
 
@@ -285,13 +287,13 @@ def _sheet(
                 wanted, headings = _wanted(cells, fields, inputs, output, place), cells
                 continue
             if len(cells) != len(headings):
-                raise PatchError(
-                    f"{len(cells)} cells, but {len(headings)} headings; give as many", place
-                )
+                due = counted(len(headings), "heading")
+                raise PatchError(f"{counted(len(cells), 'cell')}, but {due}; give as many", place)
             if len(rows) == MOST_VALUES:
                 raise PatchError(f"a table has at most {MOST_VALUES} rows", place)
             for i, column in wanted:
                 if (i, cells[i]) not in met:
+                    _refuse_decimal_comma(cells[i], headings[i], place)
                     met[i, cells[i]] = column.number(cells[i], place, headings[i])
             rows.append(tuple(met[i, cells[i]] for i, _ in wanted))
             lines.append(reader.line_num)
@@ -315,6 +317,16 @@ def _refuse_other_commas(cells: Sequence[str], place: Place) -> None:
                 "point: 0.5",
                 place,
             )
+
+
+def _refuse_decimal_comma(cell: str, heading: str, place: Place) -> None:
+    """Raise PatchError for a number that is written with a comma, which only quotes keep together."""
+    if _DECIMAL_COMMA.match(cell):
+        raise PatchError(
+            f"{heading}: {quoted(cell)} has a comma; write numbers with a point, such as 0.5, and "
+            "thousands without a mark",
+            place,
+        )
 
 
 def _wanted(
