@@ -224,7 +224,8 @@ class TestEnvelope:
 class TestOverloadsAndStatus:
     EVENTS = json.dumps(
         [
-            {"signal": "theta", "time_s": 0.0413, "value": 1.3, "instants": 310},
+            {"signal": "theta", "time_s": 0.0413, "value": 1.3, "instants": 310}
+            | {"duration_s": 0.0314},
             {"signal": "moment (DAC)", "time_s": 0.15, "value": 22.0, "instants": 1},
             {"signal": "theta_ddot", "time_s": 0.09, "value": 5.0, "instants": 2},
         ]
@@ -234,7 +235,7 @@ class TestOverloadsAndStatus:
         theta, sample, moment, _ = strip_chart(make_record(overloads=self.EVENTS)).axes
         assert list(trace(theta, "overload").get_xdata()) == [0.0413]
         assert list(trace(moment, "overload").get_xdata()) == [0.15]
-        assert theta.texts[0].get_text() == "overload from 41.3 ms, 310 instants"
+        assert theta.texts[0].get_text() == "overload from 41.3 ms, for 31.4 ms in all"
         assert moment.texts[0].get_text() == "overload at 150 ms"
         assert not sample.texts and "overload" not in [x.get_label() for x in sample.lines]
 

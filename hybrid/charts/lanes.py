@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 from matplotlib.figure import Figure
@@ -32,6 +32,14 @@ PEN_OF_KIND = dict(zip(("analog", "dac", "adc", "word"), style.PENS, strict=Fals
 KIND_TEXT = {"analog": "analog", "dac": "DAC", "adc": "ADC", "word": "word"}
 
 
+class Overloaded(NamedTuple):
+    """An overload of a signal, as its lane shows it."""
+
+    first_s: float
+    instants: int
+    duration_s: float  # 0 where it is not known, of converters and words
+
+
 @dataclass(frozen=True)
 class Lane:
     """What one pen draws: values in problem units, the scale of its lane, its overloads."""
@@ -43,7 +51,7 @@ class Lane:
     values: Floats
     low: float
     high: float
-    overloads: tuple[tuple[float, int], ...]  # first time (s), number of instants
+    overloads: tuple[Overloaded, ...]
     held: bool  # stands still but where it jumps
     first_s: float = -math.inf  # first result of an ADC or a word
     early: int = 0  # rows before it
@@ -73,7 +81,7 @@ def lane_limits(values: Floats, full_scale: float) -> tuple[float, float]:
     return -limit, limit
 
 
-def lane_of(record: Recorded, name: str, overloads: Sequence[tuple[float, int]]) -> Lane:
+def lane_of(record: Recorded, name: str, overloads: Sequence[Overloaded]) -> Lane:
     """The lane of a recorded signal."""
     about = record[name].attrs
     values = style.results(record, name)
@@ -88,11 +96,16 @@ def lane_of(record: Recorded, name: str, overloads: Sequence[tuple[float, int]])
     return replace(lane, first_s=first_s, early=early)
 
 
-def overload_text(events: Sequence[tuple[float, int]], span_s: float) -> str:
-    """Write overloads as text: 'overload at 7.2 s', 'overload from 7.2 s, 310 instants'."""
-    instants = sum(count for _, count in events)
+def overload_text(events: Sequence[Overloaded], span_s: float) -> str:
+    """Write overloads as text: 'overload at 7.2 s', 'overload from 7.2 s, for 0.4 s in all'.
+
+    Converters and words have instants alone: 'overload from 7.2 s, 310 instants'.
+    """
     per_second, unit = style.time_scale(span_s)
-    at = f"{number(events[0][0] * per_second, 6)} {unit}"
+    at = f"{number(events[0].first_s * per_second, 6)} {unit}"
+    instants, lasts_s = (sum(each) for each in zip(*(event[1:] for event in events), strict=True))
+    if lasts_s > 0.0:
+        return f"overload from {at}, for {style.duration(lasts_s)} in all"
     return f"overload from {at}, {instants:,} instants" if instants > 1 else f"overload at {at}"
 
 
@@ -175,11 +188,11 @@ def _draw_pen(axes: Axes, lane: Lane, time_s: Floats) -> None:
 
 
 def _draw_overloads(axes: Axes, lane: Lane, limits: tuple[float, float]) -> None:
-    """Mark the first instant of each overload on the lane's upper edge, and say how many."""
-    events = [event for event in lane.overloads if limits[0] <= event[0] <= limits[1]]
+    """Mark the first instant of each overload on the lane's upper edge, and say how long."""
+    events = [event for event in lane.overloads if limits[0] <= event.first_s <= limits[1]]
     if not events:
         return
-    times, edge = [time for time, _ in events], axes.get_xaxis_transform()
+    times, edge = [event.first_s for event in events], axes.get_xaxis_transform()
     look: dict[str, Any] = {
         "color": style.ALARM,
         "marker": "v",

@@ -16,7 +16,7 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from hybrid.charts import style
-from hybrid.charts.lanes import Lane, draw_lane, lane_of, overload_text
+from hybrid.charts.lanes import Lane, Overloaded, draw_lane, lane_of, overload_text
 from hybrid.charts.readout_table import COLUMNS, tables_of
 from hybrid.charts.shading import LEGEND, Span, mode_spans, shade_modes
 from hybrid.charts.style import LINE_IN, MARGIN_IN, TableRow, number, save, write
@@ -109,12 +109,14 @@ def _mode_spans(record: Recorded, time_s: Floats) -> list[Span]:
     return mode_spans(time_s, np.asarray(record[MODE_VARIABLE].values))
 
 
-def _overloads(record: Recorded) -> dict[str, list[tuple[float, int]]]:
-    """Signal -> its overloads as (first time in s, number of instants), by time."""
-    found: dict[str, list[tuple[float, int]]] = {}
+def _overloads(record: Recorded) -> dict[str, list[Overloaded]]:
+    """Signal -> its overloads, by time."""
+    found: dict[str, list[Overloaded]] = {}
     for event in json.loads(record.attrs.get("overloads") or "[]"):
         signal = str(event["signal"]).removesuffix(" (DAC)")
-        found.setdefault(signal, []).append((float(event["time_s"]), int(event.get("instants", 1))))
+        lasts_s = float(event.get("duration_s") or 0.0)
+        shown = Overloaded(float(event["time_s"]), int(event.get("instants", 1)), lasts_s)
+        found.setdefault(signal, []).append(shown)
     return {signal: sorted(events) for signal, events in found.items()}
 
 
@@ -177,7 +179,7 @@ def _clocks(about: Mapping[str, Any]) -> str:
 
 
 def _footnotes(
-    lanes: Sequence[Lane], overloads: Mapping[str, Sequence[tuple[float, int]]], span_s: float
+    lanes: Sequence[Lane], overloads: Mapping[str, Sequence[Overloaded]], span_s: float
 ) -> list[str]:
     """Name the overloads that no lane can show."""
     drawn = {lane.name for lane in lanes}
