@@ -85,8 +85,7 @@ def show_run(
     if machine.timing.period:
         cycles = f"{counted(run.cycles, 'cycle')} of {machine.cycle_s:g} s, "
     if machine.operation:
-        operate_s = to_seconds(machine.operation.operate)
-        cycles += f"{counted(run.operations, 'operation')} of {operate_s:g} s, "
+        cycles += f"{_operations_text(run)}, "
     error = run.engine_error
     beside = f" beside the noise of {run.coarse_by}" if run.coarse_by else ""
     about = "" if error is None else f" (error about {error:.1g} of full scale{beside})"
@@ -114,6 +113,14 @@ def show_run(
     console.print()
     for file in files:
         console.print(f"wrote {escape(file)}", soft_wrap=True)
+
+
+def _operations_text(run: Run) -> str:
+    """How many operations were played: the clock alone is counted where signals may cut OP short."""
+    operation, modes = run.machine.operation, run.machine.patch.modes
+    assert operation is not None and modes is not None
+    told = f"{counted(run.operations, 'operation')} of {to_seconds(operation.operate):g} s"
+    return f"{told} by the clock" if modes.reset_when or modes.hold_when else told
 
 
 def _show_tasks(console: Console, rows: Sequence[TaskRow]) -> None:

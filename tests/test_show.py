@@ -137,6 +137,10 @@ def test_check_warns_of_what_is_hardly_meant() -> None:
     assert [w.split(": ", 1)[1] for w in rare.warnings] == [
         "every is 6 s, longer than the run of 5 s: the record has one row"
     ]
+    result = hybrid.run(hybrid.parse_patch(OVERDAMPED.replace("every: 10 ms", "every: 6 s")))
+    assert result.status_note == "a row every 6 s in a run of 5 s: the record has one row, at 0 s"
+    assert result.status_note in printed(show_run, result, "", [])
+    assert hybrid.run(hybrid.parse_patch(OVERDAMPED)).status_note == ""
     slow = hybrid.check("pitch_loop", {"cycle": "20 s"})
     assert [w.split(": ", 1)[1] for w in slow.warnings] == [
         "the run of 10 s is shorter than one cycle of 20 s"
