@@ -66,7 +66,7 @@ run: {until: 60 ms, every: 0.5 ms, on_overload: hold}
 
 @pytest.mark.parametrize(("full_scale", "whole"), [(1.5, 0), (2.3, 1), (4, 1), (5, 2)])
 def test_operations_of_a_machine_held_for_good_are_those_before(full_scale, whole):
-    """The ramp is beyond its full scale at 15, 23, 40 and 50 ms; OP ends at 21, 47 and 73 ms by the clock."""
+    """The ramp is beyond its full scale at 15, 23, 40 and 50 ms; OP ends at 21, 47 and 73 ms."""
     result = play(HELD_FOR_GOOD.replace("FULL", str(full_scale)))
     assert f"in HOLD since {full_scale / 100:g} s" in result.status_note
     assert result.operations == whole
