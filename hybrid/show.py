@@ -289,19 +289,26 @@ def show_batch(console: Console, batch: Batch, files: Sequence[str]) -> None:
     console.print(repr(batch).partition("\n")[0][1:-1], highlight=False, markup=False)
     if batch.varied:
         console.print(f"over {';  '.join(batch.varied)}", highlight=False, markup=False)
+    groups = batch.groups()
+    listed = some_rows(len(groups), MOST_SWEEP_ROWS)
+    told = [(batch.combination_text(groups[i][0]), groups[i][1]) for i in listed]
     rows = [
         (
             f"{name} {about['units']}".strip(),
+            *([made] if groups else []),
             str(about["runs"]),
             figure(about["mean"]),
             figure(about["std"], 4),
             figure(about["minimum"]),
             figure(about["maximum"]),
         )
-        for name, about in batch.summary().items()
+        for made, summary in told or [("", batch.summary())]
+        for name, about in summary.items()
     ]
-    columns = ("figure", "runs", "mean", "std", "least", "largest")
-    show_table(console, "", columns, rows)
+    columns = ("figure", *(["of"] if groups else []), "runs", "mean", "std", "least", "largest")
+    show_table(console, "", columns, rows, texts=2 if groups else 1)
+    if len(listed) < len(groups):
+        console.print(f"the table has {len(listed)} of {len(groups)} combinations", style="dim")
     _show_notes(console, batch.points, "run")
     for file in files:
         console.print(f"wrote {escape(file)}", soft_wrap=True)

@@ -93,7 +93,13 @@ OVERLOAD |= {"full_scale", "duration_s"}
 SWEEP = (ABOUT - {"cycle_s", "time_scale"}) | {"over", "seed", "status", "points", "files"}
 SWEEP |= {"status_note"}
 POINT = {"value", "readouts", "modes", "status", "note", "overloads", "seed"}
-BATCH = (ABOUT - {"cycle_s", "time_scale", "serial"}) | {"status", "summary", "runs", "files"}
+BATCH = (ABOUT - {"cycle_s", "time_scale", "serial"}) | {
+    "status",
+    "summary",
+    "groups",
+    "runs",
+    "files",
+}
 BATCH |= {"status_note"}
 SUMMARY = {"runs", "mean", "std", "minimum", "maximum", "units"}
 ONE_RUN = {"run", "parameters_si", "serial", "seed", "readouts", "status", "note", "overloads"}
