@@ -315,7 +315,13 @@ def show_batch(console: Console, batch: Batch, files: Sequence[str]) -> None:
 
 
 def _show_notes(console: Console, points: Sequence[Point], what: str) -> None:
-    notes = [p.remarks for p in points if p.remarks]
+    """What holds of all points is said once; of what holds of some, how many and the first."""
+    remarks = [p.remarks.split("; ") if p.remarks else [] for p in points]
+    shared = [part for part in remarks[0] if all(part in own for own in remarks)] if points else []
+    if shared:
+        console.print(escape("; ".join(shared)))
+    rest = ["; ".join(part for part in own if part not in shared) for own in remarks]
+    notes = [text for text in rest if text]
     if notes:
         console.print(f"{counted(len(notes), what)} with a note, the first: {escape(notes[0])}")
 

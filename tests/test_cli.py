@@ -221,6 +221,13 @@ def test_the_answer_of_sweep(capsys: pytest.CaptureFixture[str]) -> None:
         assert data["value_top"].attrs["units"] == "rad/s"
 
 
+def test_without_a_verb_the_verbs_are_named(capsys: pytest.CaptureFixture[str]) -> None:
+    assert main([]) == 2
+    verbs = "run, predict, sweep, batch, check, draw, list, schema"
+    assert capsys.readouterr().err == f"hybrid: name a verb: {verbs}; see hybrid --help\n"
+    assert set(verbs.split(", ")) == set(VERBS)
+
+
 def test_the_answer_of_batch(capsys: pytest.CaptureFixture[str]) -> None:
     options = ("--runs", "2", "--over", "cycle=1 ms:2 ms:2", "--jobs", "1", "--out", "x/b.nc")
     found = answer(capsys, "batch", "loop.yaml", *options)

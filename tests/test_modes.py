@@ -557,6 +557,29 @@ def test_a_loop_through_an_initial_value_needs_a_store_or_a_lag():
         hybrid.check(parse_patch(text), machine="ideal")
 
 
+def test_a_loop_through_stores_that_signals_control_says_that_these_are_not_looked_at():
+    text = """
+title: In anti-phase
+analog:
+  up: {square: 1, period: 10 ms, full_scale: 2}
+  down: {invert: up, full_scale: 2}
+  one: {constant: 0.1, full_scale: 1}
+  a: {track: more, control: up, full_scale: 1}
+  b: {track: a, control: down, full_scale: 1}
+  more: {sum: {b: 1, one: 1}, full_scale: 1}
+run: {until: 50 ms, every: 1 ms}
+"""
+    with pytest.raises(
+        PatchError, match=r"a -> b -> more -> a; .* signals that control it are not"
+    ):
+        hybrid.check(parse_patch(text), machine="ideal")
+    without = text.replace("{track: a, control: down,", "{coefficient: {a: 1},").replace(
+        "{track: more, control: up,", "{coefficient: {more: 1},"
+    )
+    with pytest.raises(PatchError, match=r"; give one of them a tau above 0, [^;]*$"):
+        hybrid.check(parse_patch(without), machine="ideal")
+
+
 def test_a_mode_that_sets_itself_through_a_store_is_a_loop():
     text = RAMP.replace("hold: rest}", "hold_when: full}").replace(
         "modes:",
