@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
+from typing import Any
 
 from hybrid.charts import style
 from hybrid.charts.layered import Box, Cord
@@ -71,9 +72,9 @@ def _middle(place: int) -> float:
 def drawn_modes(modes: ModeBox) -> str:
     """The box as SVG, its top left corner at the origin."""
     width, height = modes.box.width, modes.box.height
-    frame = {"fill": TINT, "stroke": style.INK, "stroke_width": 1.4}
+    edge: dict[str, Any] = {"rx": 3, "fill": TINT, "stroke": style.INK, "stroke_width": 1.4}
     inner = [
-        tag("rect", x=0, y=0, width=width, height=height, rx=3, **frame),
+        tag("rect", "", x=0, y=0, width=width, height=height, **edge),
         words(LEFT, 14, TITLE, TITLE_SIZE, anchor="start", bold=True, color=style.PENS[3]),
         line((0, HEAD - 3), (width, HEAD - 3), stroke=style.FRAME, stroke_width=1.0),
     ]
