@@ -562,7 +562,7 @@ def test_a_loop_through_stores_that_signals_control_says_that_these_are_not_look
 title: In anti-phase
 analog:
   up: {square: 1, period: 10 ms, full_scale: 2}
-  down: {invert: up, full_scale: 2}
+  down: {compare: {up: -1}, high: 1, full_scale: 1}
   one: {constant: 0.1, full_scale: 1}
   a: {track: more, control: up, full_scale: 1}
   b: {track: a, control: down, full_scale: 1}
