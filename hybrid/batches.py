@@ -57,6 +57,8 @@ VARIABLES = frozenset(
     | {f"measured_{quantity}" for quantity in MEASURED}
 )
 
+MOST_TOLD = 12  # combinations that a batch tells of itself
+
 Varied = Mapping[str, float | str | Iterable[float | str]]
 
 
@@ -165,9 +167,35 @@ class Batch:
 
     def summary(self) -> dict[str, dict[str, Any]]:
         """Of each figure: runs that have it, mean, standard deviation, least and largest, units."""
+        return self._summary_of(np.ones(len(self.points), dtype=bool))
+
+    def groups(self) -> list[tuple[dict[str, float], dict[str, dict[str, Any]]]]:
+        """The parameters that differ (SI) and the summary of each combination of them.
+
+        Empty where only one combination was run, or none more than once.
+        """
+        made = [tuple(self.orders[p.index].parameters[n] for n in self.differ) for p in self.points]
+        counts = Counter(made)
+        if len(counts) < 2 or max(counts.values()) < 2:
+            return []
+        found = []
+        for values in counts:
+            theirs = np.array([each == values for each in made])
+            found.append((dict(zip(self.differ, values, strict=True)), self._summary_of(theirs)))
+        return found
+
+    def combination_text(self, parameters: Mapping[str, float]) -> str:
+        """Such as 'cycle 2 ms, gain 3', of parameters in SI."""
+        known = self.patch.parameters
+        told = (
+            f"{n} {v / known[n].factor:.6g} {known[n].unit}".rstrip() for n, v in parameters.items()
+        )
+        return ", ".join(told)
+
+    def _summary_of(self, which: np.ndarray) -> dict[str, dict[str, Any]]:
         found: dict[str, dict[str, Any]] = {}
         for name, (values, units) in self.figures().items():
-            known = values[np.isfinite(values)]
+            known = values[which & np.isfinite(values)]
             one, many = len(known) > 0, len(known) > 1
             found[name] = {
                 "runs": len(known),
@@ -189,6 +217,7 @@ class Batch:
             "status": self.status,
             "status_note": self.status_note,
             "summary": self.summary(),
+            "groups": [{"parameters_si": p, "summary": about} for p, about in self.groups()],
             "runs": [
                 {
                     "run": p.index,
@@ -209,10 +238,17 @@ class Batch:
             f"<Batch {self.patch.title!r} on {self.machine!r}: {len(self.points)} of "
             f"{counted(len(self.orders), 'run')}, {counts_text(self.points)}, {self.status}>"
         ]
-        for name, about in self.summary().items():
-            if about["runs"]:
-                spread = f" +- {about['std']:.3g}" if about["std"] is not None else ""
-                lines.append(f"  {name}: {about['mean']:.9g}{spread} {about['units']}".rstrip())
+        told = [("", self.summary())]
+        if groups := self.groups():  # a mean over different parameters says nothing
+            told = [(f"{self.combination_text(p)}: ", summary) for p, summary in groups]
+        for begins, summary in told[:MOST_TOLD]:
+            for name, about in summary.items():
+                if about["runs"]:
+                    spread = f" +- {about['std']:.3g}" if about["std"] is not None else ""
+                    figure = f"{about['mean']:.9g}{spread} {about['units']}"
+                    lines.append(f"  {begins}{name}: {figure}".rstrip())
+        if len(told) > MOST_TOLD:
+            lines.append(f"  and {counted(len(told) - MOST_TOLD, 'more combination')}")
         return "\n".join(lines)
 
 

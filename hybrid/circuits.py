@@ -28,6 +28,7 @@ from hybrid.elements import (
     Element,
     limit_pieces,
 )
+from hybrid.graph import find_loop
 from hybrid.guards import in_machine_units
 from hybrid.layout import AnalogLayout, block_states
 from hybrid.machine import Analog, OutputStage, StepEvent
@@ -190,8 +191,13 @@ class _CircuitLayout(AnalogLayout):
             what += f" in {MODE_NAMES[mode]}" if self.patch.leaves_op else ""
             direct = {n: inputs for n, inputs in everything.items() if self._passes(n, mode)}
             remedy = "give one of them a tau above 0, or an integrator in between"
-            self.reject_loop(direct, what, remedy)
             stores = {n for n, component in self.components.items() if component.kind == "track"}
+            if (stores - self._by_mode) & set(find_loop(direct) or ()):
+                remedy += (
+                    "; a track-store counts as passing its input on, as signals that control it are "
+                    "not looked at: only operating, resetting and holding are"
+                )
+            self.reject_loop(direct, what, remedy)
             direct = {n: inputs for n, inputs in direct.items() if n not in stores - self._by_mode}
             direct |= self._initial_inputs(mode)
             self.reject_loop(

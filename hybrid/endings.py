@@ -21,7 +21,7 @@ from hybrid.machine import Machine
 from hybrid.mathml import may_be_nothing
 from hybrid.record import full_scales, signal_units
 from hybrid.roundoff import word_lengths
-from hybrid.scale import to_seconds
+from hybrid.scale import to_seconds, to_ticks
 from hybrid.tables import STOPS
 from hybrid.valueless import calls_any
 from hybrid.wordlength import LARGEST_SINGLE, Kind
@@ -169,6 +169,27 @@ def _held_note(player: Player) -> str:
         return ""
     first = overloads_of(player)[0].signal
     return f"in HOLD since {player.held_s:.9g} s: {first} went beyond its full scale"
+
+
+def operations_done(player: Player) -> int:
+    """How many times OP has come to its end by the machine's clock; in HOLD for good none does."""
+    operation, held_s = player.machine.operation, player.held_s
+    if operation is None:
+        return 0
+    return operation.done(player.done_ticks if held_s is None else to_ticks(held_s))
+
+
+def one_row_text(player: Player) -> str:
+    """That the record shows the beginning only; '' where it has more rows, or none."""
+    if len(player.record) != 1:
+        return ""
+    timing = player.machine.timing
+    every_s, until_s = (to_seconds(ticks) for ticks in (timing.every, timing.until))
+    if timing.every > timing.until:
+        why = f"a row every {every_s:g} s in a run of {until_s:g} s"
+    else:
+        why = "max_rows in run: leaves no room for another"
+    return f"{why}: the record has one row, at 0 s"
 
 
 def _left_out(player: Player) -> str:

@@ -54,12 +54,17 @@ def count_parts(machine: Machine, settings: Sequence[Setting]) -> tuple[Part, ..
         {s.component for s in settings if s.component in coefficients and s.gain > 1}
     )
     found["inverter"] += len(_inverted(machine))
-    found["potentiometer"] = sum(s.setting not in (0.0, 1.0) for s in settings)
+    found["potentiometer"] = sum(not is_cord(s.setting) for s in settings)
     found["ADC"], found["DAC"] = len(patch.adcs), len(patch.dacs)
     found["amplifier"] = sum(found[part] for part in AMPLIFIERS)
     first, last = ("amplifier", *AMPLIFIERS), ("ADC", "DAC")
     order = [*first, *sorted(set(found) - {*first, *last}), *last]
     return tuple(Part(part, found[part]) for part in order if found[part])
+
+
+def is_cord(setting: float) -> bool:
+    """Whether a setting takes no potentiometer: 1 is a plain cord, 0 none."""
+    return setting in (0.0, 1.0)
 
 
 def _inverted(machine: Machine) -> set[str]:

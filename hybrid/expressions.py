@@ -29,7 +29,8 @@ class ExpressionError(ValueError):
     """
 
     def __init__(self, message: str, column: int | None = None):
-        super().__init__(message if column is None else f"{message} (column {column})")
+        at = "" if column is None else f" (character {column} of the expression)"
+        super().__init__(message + at)
         self.column = column
 
 

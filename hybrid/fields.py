@@ -67,8 +67,8 @@ def check_name(name: str, place: Place, what: str) -> None:
         )
     if not _NAME.match(name):
         raise PatchError(
-            f"{quoted(name)} cannot name {article} {what}; use letters, digits and underscores, at most "
-            f"{LONGEST_NAME}, no digit first",
+            f"{quoted(name)} cannot name {article} {what}; use letters a to z or A to Z, digits "
+            f"and underscores, at most {LONGEST_NAME}, no digit first",
             place,
         )
     if name in RESERVED_NAMES:

@@ -33,6 +33,8 @@ class _Parser(argparse.ArgumentParser):
             raise RunError(
                 f"{option} needs a value; one that begins with - is written {option}=-..."
             )
+        if message.endswith("required: VERB"):
+            message = f"name a verb: {', '.join(_verbs_of(self))}"
         raise RunError(f"{message}; see {self.prog} --help")
 
 
@@ -45,10 +47,14 @@ def parsed(arguments: list[str] | None) -> argparse.Namespace:
     option, verb = left[0].partition("=")[0], options.verb
     if not option.startswith("-"):
         raise RunError(f"{quoted(left[0])} is too much for hybrid {verb}; see hybrid {verb} --help")
-    verbs: dict[str, argparse.ArgumentParser] = made._subparsers._group_actions[0].choices  # type: ignore[union-attr,assignment]
-    others = [name for name, its in verbs.items() if option in its._option_string_actions]
+    others = [name for name, its in _verbs_of(made).items() if option in its._option_string_actions]
     known = f"it is one of {' and '.join(others)}; " if others else ""
     raise RunError(f"hybrid {verb} has no option {option}; {known}see hybrid {verb} --help")
+
+
+def _verbs_of(made: argparse.ArgumentParser) -> dict[str, argparse.ArgumentParser]:
+    """The verbs of the whole command line, each with its own."""
+    return made._subparsers._group_actions[0].choices  # type: ignore[union-attr,return-value]
 
 
 class _Once(argparse.Action):

@@ -41,6 +41,8 @@ from hybrid.trial import Trial
 # Layers after the start die out in so many of the longest lag: exp(-20) is 2e-9.
 WAIT_LAGS = 20.0
 INTERVALS = 4
+# Where a part switches or passes a corner meanwhile, intervals so much shorter may end before it does.
+SHORTER = 20.0
 # Where nothing lags an interval lets the fastest signal move by so much, in machine units, ...
 LITTLE_MU = 1e-4
 # ... and where nothing moves it is this share of the run.
@@ -51,6 +53,10 @@ EXACT_MU = 1e-11
 MOST_LEFT = 0.1
 # Kinds whose outputs do not follow their inputs within lags: what is before them shows later.
 KEEPERS = frozenset({"integrate", "lag", "delay", "noise_source", "backlash", "track"})
+
+# Kinds whose output jumps, and those whose slope does.
+JUMPING = frozenset({"compare", "switch", "track", "atan2"})
+CORNERED = frozenset({"function", "absolute", "limit", "dead_zone", "backlash", "square_root"})
 
 # Of the inputs of an integrator that cancel, what rounding of coefficients and sums may leave.
 ROUNDED = 16 * sys.float_info.epsilon
@@ -140,10 +146,10 @@ def rate_test(
     place = {signal: i for i, signal in enumerate(machine.analog.signals)}
     columns = [place[name] for name in names]
     shown = _carried_back(start.rates_mu[:, columns], wait_s, step_s)
-    rows, lag_of = [], _lags_s(machine)
+    rows, lag_of, switches = [], _lags_s(machine), _switches_text(machine)
     for i, name in enumerate(names):
         stage = machine.stages[name]
-        why_not = start.why_not.get(name) or ("a part switches" if start.switched else "")
+        why_not = start.why_not.get(name) or (switches if start.switched else "")
         why_not = why_not or ("" if math.isfinite(allowed[i]) else "no value without errors")
         off = allowed[i] + shown.digits
         if shown.left[i] <= MOST_LEFT * np.max(np.abs(start.rates_mu[:, columns[i]])):
@@ -232,7 +238,25 @@ def _first_moments(machine: Machine, rates_mu: Floats) -> tuple[Start, float, fl
     # What noise spreads is half the work, and not asked for.
     analog = replace(machine.analog, noise=np.zeros((len(machine.analog.states), 0)))
     quiet = replace(machine, analog=analog)
-    return first_rates(quiet, wait_s, step_s, INTERVALS), step_s, wait_s
+    start = first_rates(quiet, wait_s, step_s, INTERVALS)
+    if start.switched:
+        step_s /= SHORTER
+        start = first_rates(quiet, wait_s, step_s, INTERVALS)
+    return start, step_s, wait_s
+
+
+def _switches_text(machine: Machine) -> str:
+    """What parts of this machine do at which no rate can be carried back to the start."""
+    jumping, cornered = [], []
+    for part in machine.patch.components:
+        squares = "quarter_square" in part.values
+        jumping += [part.name] if part.kind in JUMPING else []
+        cornered += [part.name] if part.kind in CORNERED or squares else []
+    saturates = any(math.isfinite(stage.saturation) for stage in machine.stages.values())
+    alone = [*jumping, *cornered] if not saturates else []
+    told = ["switches"] if jumping else []
+    told += ["passes a corner"] if cornered or saturates or not jumping else []
+    return f"{alone[0] if len(alone) == 1 else 'a part'} {' or '.join(told)}"
 
 
 @dataclass(frozen=True, slots=True)

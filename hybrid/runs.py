@@ -19,7 +19,7 @@ import numpy as np
 from hybrid.arguments import Parameters, Source, machine_of, whole_number
 from hybrid.beginnings import first_results, initial_words
 from hybrid.coupling import modes
-from hybrid.endings import ending
+from hybrid.endings import ending, one_row_text, operations_done
 from hybrid.engine.beyond import DAC_SUFFIX, Overload
 from hybrid.engine.linear import Player
 from hybrid.engine.ranges import outside
@@ -81,7 +81,7 @@ class Run:
     pens: tuple[Pen, ...]
     rows: Floats
     overloads: tuple[dict[str, Any], ...]
-    operations: int = 0  # of the machine, by time, that were played to their end
+    operations: int = 0  # of the machine, by its clock, whose OP came to its end
     readouts: dict[str, dict[str, Any]] = field(default_factory=dict)
     engine: str = "exact"  # which one played it
     engine_error: float | None = None  # its estimate, of full scale, if it has one
@@ -231,8 +231,8 @@ def run(
     status, note = _play(player, progress, keep_every)
     played_s = time.perf_counter() - began_s
     if status == "complete":
-        lost = roundoff_text(compiled)
-        note = "; ".join(filter(None, (note, growth_text(pens, player.record), lost)))
+        found = (growth_text(pens, player.record), roundoff_text(compiled))
+        note = "; ".join(filter(None, (note, one_row_text(player), *found)))
     result = Run(
         compiled,
         seed,
@@ -244,7 +244,7 @@ def run(
         pens,
         player.record,
         _overloads(compiled, overloads_of(player)),
-        compiled.operation.done(player.done_ticks) if compiled.operation else 0,
+        operations_done(player),
         engine=played_by,
         engine_error=player.engine_error,
         coarse_by=player.coarse_by,

@@ -85,8 +85,7 @@ def show_run(
     if machine.timing.period:
         cycles = f"{counted(run.cycles, 'cycle')} of {machine.cycle_s:g} s, "
     if machine.operation:
-        operate_s = to_seconds(machine.operation.operate)
-        cycles += f"{counted(run.operations, 'operation')} of {operate_s:g} s, "
+        cycles += f"{_operations_text(run)}, "
     error = run.engine_error
     beside = f" beside the noise of {run.coarse_by}" if run.coarse_by else ""
     about = "" if error is None else f" (error about {error:.1g} of full scale{beside})"
@@ -114,6 +113,14 @@ def show_run(
     console.print()
     for file in files:
         console.print(f"wrote {escape(file)}", soft_wrap=True)
+
+
+def _operations_text(run: Run) -> str:
+    """How many operations were played: the clock alone is counted where signals may cut OP short."""
+    operation, modes = run.machine.operation, run.machine.patch.modes
+    assert operation is not None and modes is not None
+    told = f"{counted(run.operations, 'operation')} of {to_seconds(operation.operate):g} s"
+    return f"{told} by the clock" if modes.reset_when or modes.hold_when else told
 
 
 def _show_tasks(console: Console, rows: Sequence[TaskRow]) -> None:
@@ -282,26 +289,39 @@ def show_batch(console: Console, batch: Batch, files: Sequence[str]) -> None:
     console.print(repr(batch).partition("\n")[0][1:-1], highlight=False, markup=False)
     if batch.varied:
         console.print(f"over {';  '.join(batch.varied)}", highlight=False, markup=False)
+    groups = batch.groups()
+    listed = some_rows(len(groups), MOST_SWEEP_ROWS)
+    told = [(batch.combination_text(groups[i][0]), groups[i][1]) for i in listed]
     rows = [
         (
             f"{name} {about['units']}".strip(),
+            *([made] if groups else []),
             str(about["runs"]),
             figure(about["mean"]),
             figure(about["std"], 4),
             figure(about["minimum"]),
             figure(about["maximum"]),
         )
-        for name, about in batch.summary().items()
+        for made, summary in told or [("", batch.summary())]
+        for name, about in summary.items()
     ]
-    columns = ("figure", "runs", "mean", "std", "least", "largest")
-    show_table(console, "", columns, rows)
+    columns = ("figure", *(["of"] if groups else []), "runs", "mean", "std", "least", "largest")
+    show_table(console, "", columns, rows, texts=2 if groups else 1)
+    if len(listed) < len(groups):
+        console.print(f"the table has {len(listed)} of {len(groups)} combinations", style="dim")
     _show_notes(console, batch.points, "run")
     for file in files:
         console.print(f"wrote {escape(file)}", soft_wrap=True)
 
 
 def _show_notes(console: Console, points: Sequence[Point], what: str) -> None:
-    notes = [p.remarks for p in points if p.remarks]
+    """What holds of all points is said once; of what holds of some, how many and the first."""
+    remarks = [p.remarks.split("; ") if p.remarks else [] for p in points]
+    shared = [part for part in remarks[0] if all(part in own for own in remarks)] if points else []
+    if shared:
+        console.print(escape("; ".join(shared)))
+    rest = ["; ".join(part for part in own if part not in shared) for own in remarks]
+    notes = [text for text in rest if text]
     if notes:
         console.print(f"{counted(len(notes), what)} with a note, the first: {escape(notes[0])}")
 

@@ -6,6 +6,7 @@ from rich.console import Console
 from rich.markup import escape
 
 from hybrid.checks import PHASE_ERROR, Check, ScaleRow, WordRow
+from hybrid.equipment import is_cord
 from hybrid.loops import loops_text
 from hybrid.shots import columns as columns_of_shots
 from hybrid.show import figure, show_table, speed_text
@@ -28,13 +29,13 @@ def show_check(console: Console, check: Check) -> None:
             p.input,
             f"{p.setting:.4f}",
             str(p.gain),
-            "inverted" if p.inverted else "",
+            _about_pot(p.setting, p.inverted),
             figure(p.coefficient_mu, 6),
         )
         for p in check.pots
     ]
     headings = ("component", "input", "setting", "gain", "", "coefficient")
-    show_table(console, "Potentiometers", headings, settings, texts=2)
+    show_table(console, "Coefficients and their potentiometers", headings, settings, texts=2)
     _show_parts(console, check)
     _show_delays(console, check)
     _show_converters(console, check)
@@ -50,6 +51,12 @@ def show_check(console: Console, check: Check) -> None:
     if left_out := loops_text(check.loops):
         console.print(left_out)
     console.print(f"Prediction: {escape(check.prediction)}")
+
+
+def _about_pot(setting: float, inverted: bool) -> str:
+    """What is unlike a plain setting: 1 takes no potentiometer, as *Parts* counts them."""
+    told = ("no potentiometer" if is_cord(setting) else "", "inverted" if inverted else "")
+    return ", ".join(filter(None, told))
 
 
 def _show_tasks(console: Console, check: Check) -> None:

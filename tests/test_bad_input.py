@@ -277,7 +277,7 @@ def test_a_wrong_option(
 
 
 COMMANDS = {
-    "no verb": ((), "VERB"),
+    "no verb": ((), "name a verb: run, predict"),
     "unknown verb": (("rnu", "pitch_loop"), "'rnu'"),
     "no patch": (("run",), "PATCH"),
     "no patch, check": (("check",), "PATCH"),

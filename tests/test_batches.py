@@ -13,6 +13,7 @@ import pytest
 import xarray as xr
 
 import hybrid
+from hybrid.charts.ensemble import Across, Spread, ensemble_chart
 from hybrid.cli import main
 from hybrid.storage import write_dataset
 
@@ -146,7 +147,7 @@ def test_a_parameter_must_not_hide_a_variable() -> None:
 RUN = {"run", "parameters_si", "serial", "seed", "readouts", "status", "note", "overloads"}
 BATCH = {
     *("patch", "title", "machine", "on", "parameters", "parameters_si"),
-    *("status", "status_note", "summary", "runs"),
+    *("status", "status_note", "summary", "groups", "runs"),
 }
 ABOUT = {"runs", "mean", "std", "minimum", "maximum", "units"}
 
@@ -206,6 +207,47 @@ def test_the_table_and_the_chart(folder: Path, capsys: pytest.CaptureFixture[str
     assert Path("b.png").read_bytes().startswith(b"\x89PNG")
     assert main(["batch", "decay.yaml", "--over", "rate=1:2:4", "--out", "c.nc"]) == 0
     assert Path("c.png").exists()
+
+
+def test_runs_at_two_values_are_summed_up_each_by_themselves(
+    folder: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """The gains of two machines stay within 1e-3 of 2 and of 1; the mean of all, 1.5, is nobody's."""
+    text = GAIN.replace("analog:", "parameters: {k: 2}\nanalog:").replace("{one: 2}", "{one: k}")
+    Path("gain.yaml").write_text(text)
+    options = ["--serials", "1:4", "--over", "k=1:2:2", "--out", "g.nc"]
+    assert main(["batch", "gain.yaml", *options]) == 0
+    rows = [line.split() for line in capsys.readouterr().out.splitlines() if "out V" in line]
+    assert [row[2:5] for row in rows] == [["k", "1", "4"], ["k", "2", "4"]]
+    found = hybrid.batch(
+        hybrid.parse_patch(text), {"k": [1.0] * 4 + [2.0] * 4}, serial=[1, 2, 3, 4] * 2
+    )
+    groups = found.groups()
+    assert [made for made, _ in groups] == [{"k": 1.0}, {"k": 2.0}]
+    values = found.dataset["value_out"].values.reshape(2, 4)
+    for (made, summary), own, row in zip(groups, values, rows, strict=True):
+        assert summary["out"]["mean"] == np.mean(own) == pytest.approx(made["k"], rel=1e-3)
+        assert summary["out"]["std"] == np.std(own, ddof=1) < 1e-3 * made["k"]
+        assert float(row[5]) == pytest.approx(np.mean(own), rel=1e-8)
+        assert f"k {made['k']:g}: out: {np.mean(own):.9g} +- " in repr(found)
+    assert hybrid.batch(hybrid.parse_patch(text), {"k": [1.0, 2.0]}).groups() == []
+    assert hybrid.batch(hybrid.parse_patch(text), serial=[1, 2]).groups() == []
+
+
+def test_the_chart_over_two_values_shows_their_means_and_deviations() -> None:
+    """Of 1, 2, 3 and 5, 5: means 2 and 5, standard deviations 1 and 0; at 9 a single run has none."""
+    values = np.array([1.0, 2.0, 3.0, 5.0, 5.0, 7.0])
+    across = Across("k", np.array([0.0, 0.0, 0.0, 1.0, 1.0, 9.0]), "V")
+    figure = ensemble_chart("a", (), [Spread("top", values, "V")], across)
+    texts = [text.get_text() for text in figure.texts]
+    assert "k 0 V, 3 runs: mean 2, standard deviation 1" in texts
+    assert "k 1 V, 2 runs: mean 5, standard deviation 0" in texts
+    assert "k 9 V, 1 run: mean 7" in texts
+    assert not any("6 runs" in text for text in texts)
+    (bars,) = figure.axes[0].containers
+    means, _, (lengths,) = bars
+    assert means.get_ydata().tolist() == [2.0, 5.0, 7.0]
+    assert [path[:, 1].tolist() for path in lengths.get_segments()] == [[1, 3], [5, 5], [7, 7]]
 
 
 @pytest.mark.parametrize(

@@ -483,6 +483,22 @@ def test_number(value, digits, text):
 def test_small_formats():
     assert [duration(t) for t in (2.5, 5e-4, 0.02, 0.0)] == ["2.5 s", "500 µs", "20 ms", "0 s"]
     assert [unit_text(u) for u in ("rad/s^2", "m**-1*s", "")] == ["rad/s²", "m⁻¹·s", ""]
+    written_out = (
+        "newton*meter/second^2",
+        "kilogram",
+        "meter**2",
+        "parameter",
+        "kilometer",
+        "1/hour",
+    )
+    assert [unit_text(u) for u in written_out] == [
+        "N·m/s²",
+        "kg",
+        "m²",
+        "parameter",
+        "kilometer",
+        "1/h",
+    ]
     assert broken("theta_dot") == "theta_dot"
     assert broken("second_integrator_output") == "second_\nintegrator_out…"
     assert [round_up(x) for x in (1.0, 1.1, 0.21, 99.0)] == [1.0, 1.5, 0.25, 100.0]

@@ -469,6 +469,39 @@ run: {until: 10 ms, every: 1 ms}
     assert rows["free"].shown_mu == pytest.approx(1.0, abs=rows["free"].allowed_mu)
 
 
+BENT = """
+title: A corner soon after the start
+machine: lags
+analog:
+  one: {constant: 1 V, full_scale: 1 V}
+  x: {integrate: {one: 1000 1/s}, initial: 0 V, full_scale: 1 V}
+  bend: {function: x, points: {-1 V: 0.5 V, AT: 0.5 V, 1 V: 1 V}, full_scale: 1 V}
+  y: {integrate: {bend: 1000 1/s}, initial: 0 V, full_scale: 1 V}
+run: {until: 1 ms, every: 0.1 ms}
+"""
+
+
+def test_the_rate_test_is_made_before_a_corner_where_there_is_time():
+    """x passes a corner at 50 us, while rates are looked at from 20 to 100 us, or from 20 to 24: up to
+    it y' = 500/s. At 10 us no time is left, and what passes it is told."""
+
+    def tested(text):
+        return {r.integrator: r for r in hybrid.check(hybrid.parse_patch(text), trial=False).rates}
+
+    rows = tested(BENT.replace("AT", "50 mV"))
+    assert [rows[n].remark for n in "xy"] == ["", ""]
+    assert rows["y"].allowed_mu < 1.0
+    assert rows["y"].shown_mu == pytest.approx(500.0, abs=rows["y"].allowed_mu)
+    early = BENT.replace("AT", "10 mV")
+    assert [row.remark for row in tested(early).values()] == ["bend passes a corner"] * 2
+    high = "  high: {compare: {x: 1}, threshold: 5 mV, high: 1, full_scale: 1}\nrun"
+    both = tested(early.replace("run", high))
+    assert both["y"].remark == "a part switches or passes a corner"
+    function = "bend: {function: x, points: {-1 V: 0.5 V, 10 mV: 0.5 V, 1 V: 1 V}"
+    alone = tested(early.replace(function, "bend: {sum: {x: 1}").replace("run", high))
+    assert alone["y"].remark == "high switches"
+
+
 @pytest.mark.parametrize("machine", ["ideal", "lags", "nominal", "howe_1964", "analog_thing"])
 @pytest.mark.parametrize(
     "name",

@@ -93,7 +93,13 @@ OVERLOAD |= {"full_scale", "duration_s"}
 SWEEP = (ABOUT - {"cycle_s", "time_scale"}) | {"over", "seed", "status", "points", "files"}
 SWEEP |= {"status_note"}
 POINT = {"value", "readouts", "modes", "status", "note", "overloads", "seed"}
-BATCH = (ABOUT - {"cycle_s", "time_scale", "serial"}) | {"status", "summary", "runs", "files"}
+BATCH = (ABOUT - {"cycle_s", "time_scale", "serial"}) | {
+    "status",
+    "summary",
+    "groups",
+    "runs",
+    "files",
+}
 BATCH |= {"status_note"}
 SUMMARY = {"runs", "mean", "std", "minimum", "maximum", "units"}
 ONE_RUN = {"run", "parameters_si", "serial", "seed", "readouts", "status", "note", "overloads"}
@@ -213,6 +219,13 @@ def test_the_answer_of_sweep(capsys: pytest.CaptureFixture[str]) -> None:
     assert all(Path(file).stat().st_size for file in found["files"])
     with xr.open_dataset("x/a.nc") as data:
         assert data["value_top"].attrs["units"] == "rad/s"
+
+
+def test_without_a_verb_the_verbs_are_named(capsys: pytest.CaptureFixture[str]) -> None:
+    assert main([]) == 2
+    verbs = "run, predict, sweep, batch, check, draw, list, schema"
+    assert capsys.readouterr().err == f"hybrid: name a verb: {verbs}; see hybrid --help\n"
+    assert set(verbs.split(", ")) == set(VERBS)
 
 
 def test_the_answer_of_batch(capsys: pytest.CaptureFixture[str]) -> None:

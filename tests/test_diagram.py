@@ -12,6 +12,7 @@ from large_patch import large_patch
 from hybrid.charts.diagram import draw
 from hybrid.charts.drawing import svg
 from hybrid.charts.layered import Box, Cord, lay_out
+from hybrid.charts.modebox import MODES
 from hybrid.charts.programs import MOST_WORDS, PROGRAM, box_name
 from hybrid.charts.sheet import Sheet
 from hybrid.charts.symbols import SYMBOLS, Field, text_width
@@ -71,6 +72,24 @@ run: {until: 4 s, every: 10 ms}
 """
 
 
+MODES_BY_ALL = """
+title: Modes
+machine: ideal
+parameters: {rest: 5 ms}
+analog:
+  t: {ramp: 10 K/s, before: 273 K, full_scale: 400 K}
+  s: {ramp: 2 m/s^2, full_scale: 1 m/s}
+  x: {integrate: {t: 1}, initial: 0 K*s, full_scale: 100 K*s}
+  half: {coefficient: {x: 0.5}, full_scale: 100 K*s}
+  far: {compare: {x: 1}, threshold: 1 K*s, high: 1, full_scale: 1}
+  late: {compare: {t: 1}, threshold: 290 K, high: 1, full_scale: 1}
+  one: {track: x, control: operating, full_scale: 100 K*s}
+  other: {track: one, control: holding, full_scale: 100 K*s}
+modes: {reset: 1 ms, operate: 20 ms, hold: rest, operations: 4, reset_when: far, hold_when: late}
+run: {until: 60 ms, every: 0.1 ms, on_overload: hold}
+"""
+
+
 def _many_words(count):
     """Three tasks of many words with long names, each of which reads some of the others'."""
     tasks, names_of = [], ("guidance", "attitude_and_rate", "display_of_everything")
@@ -96,6 +115,7 @@ TEXTS = {
     "van der pol": VAN_DER_POL,
     "lone": LONE,
     "caught": CAUGHT,
+    "modes": MODES_BY_ALL,
     "many words": _many_words(60),
     **{f"large {n}, {seed}": large_patch(n, seed) for n, seed in ((60, 1), (60, 2), (25, 3))},
 }
@@ -182,6 +202,9 @@ class TestWhatIsDrawn:
         due.update(f"{adc.source}>{adc.name}" for adc in patch.adcs)
         due.update(_cords_to_programs(patch))
         due.update(f"{dac.word}>{dac.name}" for dac in patch.dacs)
+        if patch.modes:
+            setting = filter(None, (patch.modes.reset_when, patch.modes.hold_when))
+            due.update(f"{source}>{MODES}" for source in setting)
         assert Counter(e.get("data-cord") for e in root.iter() if e.get("data-cord")) == due
 
     def test_coefficients_other_than_1_are_on_the_cords(self):
@@ -428,6 +451,42 @@ analog:
   side: {compare: {x: 1}, low: -1, high: 1, full_scale: 1}
 run: {until: 1 s, every: 1 ms}
 """
+
+
+class TestModes:
+    def test_the_box_says_what_sets_them(self):
+        texts = _texts(draw(parse_patch(MODES_BY_ALL), {"rest": 2e-3}))
+        assert texts[texts.index("MODES") :][:6] == [
+            "MODES",
+            "IC while far is high",
+            "HOLD while late is high",
+            "IC 1 ms → OP 20 ms → HOLD 2 ms",
+            "4 times, then HOLD for good",
+            "HOLD for good from the first overload on",
+        ]
+        endless = MODES_BY_ALL.replace(" operations: 4,", "")
+        texts = _texts(draw(parse_patch(endless), {"rest": 0.0}))
+        assert "IC 1 ms → OP 20 ms" in texts and "again and again" in texts
+        by_signals = MODES_BY_ALL.replace(
+            "reset: 1 ms, operate: 20 ms, hold: rest, operations: 4,", ""
+        )
+        assert "else OP, from t = 0 on" in _texts(draw(parse_patch(by_signals)))
+
+    def test_each_signal_comes_in_at_its_line(self):
+        sheet = Sheet(patch := parse_patch(MODES_BY_ALL), patch.bind())
+        ends = [(c.source, c.place) for c in sheet.cords if c.target == MODES]
+        assert ends == [("far", 0), ("late", 1)]
+        plan = lay_out(sheet.boxes, sheet.cords)
+        assert all(r.place == r.cord.place for r in plan.routes if r.cord.target == MODES)
+
+    def test_a_machine_that_is_always_in_op_has_none(self):
+        assert "MODES" not in _texts(draw(parse_patch(LONE)))
+
+    def test_units_and_names_of_what_is_there(self):
+        texts = _texts(draw(parse_patch(MODES_BY_ALL)))
+        assert "10 K/s from 0 s" in texts and "2 (m/s)/s from 0 s" in texts
+        (facts,) = [text for text in texts if text.startswith("1 integrator")]
+        assert "1 coefficient," in facts and "2 track-stores" in facts and "potent" not in facts
 
 
 class TestTerminals:

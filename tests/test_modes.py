@@ -10,6 +10,7 @@ import pytest
 
 import hybrid
 from hybrid import parse_patch, run
+from hybrid.charts.oscilloscope import sweeps_of
 from hybrid.charts.shading import mode_spans
 from hybrid.charts.strip import strip_chart
 from hybrid.cli import main
@@ -51,6 +52,27 @@ def test_repetitive_operation_of_an_integrator_is_a_sawtooth():
     mode = np.where(phase < 1e-3, 0.0, np.where(phase < 5e-3, 1.0, 2.0))
     np.testing.assert_array_equal(column(result, "mode"), mode)
     assert result.operations == 3
+
+
+HELD_FOR_GOOD = """
+title: Held for good
+analog:
+  one: {ramp: 100 1/s, full_scale: FULL}
+  x: {integrate: {one: 1 1/s}, initial: 0, full_scale: 100}
+modes: {reset: 1 ms, operate: 20 ms, hold: 5 ms}
+run: {until: 60 ms, every: 0.5 ms, on_overload: hold}
+"""
+
+
+@pytest.mark.parametrize(("full_scale", "whole"), [(1.5, 0), (2.3, 1), (4, 1), (5, 2)])
+def test_operations_of_a_machine_held_for_good_are_those_before(full_scale, whole):
+    """The ramp is beyond its full scale at 15, 23, 40 and 50 ms; OP ends at 21, 47 and 73 ms."""
+    result = play(HELD_FOR_GOOD.replace("FULL", str(full_scale)))
+    assert f"in HOLD since {full_scale / 100:g} s" in result.status_note
+    assert result.operations == whole
+    assert f"{whole} operations" in strip_chart(result.record).texts[1].get_text()
+    sweeps = sweeps_of(result.record, "x")  # an operation that the overload ends has begun
+    assert len(sweeps) == {1.5: 1, 2.3: 1, 4: 2, 5: 2}[full_scale]
 
 
 def test_without_hold_the_next_operation_follows_at_once():
@@ -535,6 +557,29 @@ def test_a_loop_through_an_initial_value_needs_a_store_or_a_lag():
         hybrid.check(parse_patch(text), machine="ideal")
 
 
+def test_a_loop_through_stores_that_signals_control_says_that_these_are_not_looked_at():
+    text = """
+title: In anti-phase
+analog:
+  up: {square: 1, period: 10 ms, full_scale: 2}
+  down: {compare: {up: -1}, high: 1, full_scale: 1}
+  one: {constant: 0.1, full_scale: 1}
+  a: {track: more, control: up, full_scale: 1}
+  b: {track: a, control: down, full_scale: 1}
+  more: {sum: {b: 1, one: 1}, full_scale: 1}
+run: {until: 50 ms, every: 1 ms}
+"""
+    with pytest.raises(
+        PatchError, match=r"a -> b -> more -> a; .* signals that control it are not"
+    ):
+        hybrid.check(parse_patch(text), machine="ideal")
+    without = text.replace("{track: a, control: down,", "{coefficient: {a: 1},").replace(
+        "{track: more, control: up,", "{coefficient: {more: 1},"
+    )
+    with pytest.raises(PatchError, match=r"; give one of them a tau above 0, [^;]*$"):
+        hybrid.check(parse_patch(without), machine="ideal")
+
+
 def test_a_mode_that_sets_itself_through_a_store_is_a_loop():
     text = RAMP.replace("hold: rest}", "hold_when: full}").replace(
         "modes:",
@@ -600,6 +645,13 @@ def test_the_command_says_what_it_ran_and_that_an_overload_stopped_it(tmp_path, 
     assert main(["run", str(tmp_path / "ramp.yaml"), *given]) == 0
     out = capsys.readouterr().out
     assert "3 operations of 0.004 s" in out and "100 times real time" in out
+    by_signals = RAMP.replace("hold: rest}", "hold: rest, reset_when: over}")
+    over = (
+        "  over: {compare: {x: 1}, threshold: 0.5, hysteresis: 0.2, high: 1, full_scale: 1}\nmodes"
+    )
+    (tmp_path / "cut.yaml").write_text(by_signals.lstrip().replace("modes", over, 1))
+    assert main(["run", str(tmp_path / "cut.yaml"), *given]) == 0
+    assert "3 operations of 0.004 s by the clock" in capsys.readouterr().out
     (tmp_path / "far.yaml").write_text(overloaded("stop").lstrip(), encoding="utf-8")
     assert main(["run", str(tmp_path / "far.yaml"), *given]) == 1
     assert "x is beyond its full scale" in capsys.readouterr().out

@@ -90,6 +90,31 @@ class TestPaper:
         box = one(figure).get_position()
         assert box.height * height / (box.width * width) == pytest.approx(2.0)
 
+    @pytest.mark.parametrize("sign", [1.0, -1.0])
+    def test_a_signal_of_one_sign_has_paper_on_its_side_only(self, sign):
+        """y from 0.1 to 1.9 of 2, x from -0.8 to 0.8 of 1: in one unit on a square of 2 by 2."""
+        record = make_record()
+        record["y"] = sign * (record["x"] / 0.8 * 0.9 + 1.0)
+        record["y"].attrs |= {"units": "rad", "full_scale": 2.0, "kind": "analog"}
+        figure = xy_plot(record, "x", "y")
+        axes = one(figure)
+        assert axes.get_xlim() == (-1.0, 1.0)
+        assert axes.get_ylim() == ((0.0, 2.0) if sign > 0 else (-2.0, 0.0))
+        width, height = axes.get_position().size * figure.get_size_inches()
+        assert width == pytest.approx(height)
+        marks = [line.get_ydata()[0] for line in axes.lines if line.get_label() == "full scale"]
+        assert sign * 2.0 in marks and -sign * 2.0 not in marks
+        assert "of full scale" not in told(figure)
+
+    def test_noise_beyond_zero_asks_for_no_paper_of_its_own(self):
+        record = make_record()
+        record["x"] = record["x"] + 0.795  # from -0.005 on, half a hundredth of the frame
+        record["x"].attrs |= {"units": "rad", "full_scale": 2.0, "kind": "analog"}
+        assert one(xy_plot(record, "x", "y")).get_xlim() == (0.0, 2.0)
+        record["x"] = record["x"] - 0.1
+        record["x"].attrs |= {"units": "rad", "full_scale": 2.0, "kind": "analog"}
+        assert one(xy_plot(record, "x", "y")).get_xlim() == (-2.0, 2.0)
+
     def test_title_and_provenance(self):
         text = told(xy_plot(make_record(), "x", "y"))
         assert "Circle $1" in text and "circle.yaml" in text and "some/" not in text

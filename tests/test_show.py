@@ -5,6 +5,7 @@ from __future__ import annotations
 import io
 import re
 from collections.abc import Callable
+from dataclasses import replace
 
 import pytest
 from rich.console import Console
@@ -137,6 +138,10 @@ def test_check_warns_of_what_is_hardly_meant() -> None:
     assert [w.split(": ", 1)[1] for w in rare.warnings] == [
         "every is 6 s, longer than the run of 5 s: the record has one row"
     ]
+    result = hybrid.run(hybrid.parse_patch(OVERDAMPED.replace("every: 10 ms", "every: 6 s")))
+    assert result.status_note == "a row every 6 s in a run of 5 s: the record has one row, at 0 s"
+    assert result.status_note in printed(show_run, result, "", [])
+    assert hybrid.run(hybrid.parse_patch(OVERDAMPED)).status_note == ""
     slow = hybrid.check("pitch_loop", {"cycle": "20 s"})
     assert [w.split(": ", 1)[1] for w in slow.warnings] == [
         "the run of 10 s is shorter than one cycle of 20 s"
@@ -172,6 +177,20 @@ def test_a_sweep_shows_its_last_point_and_its_overloads(patches) -> None:
     over = sum(p.overloads > 0 for p in result.points)
     assert (f"{over} with overloads" in " ".join(lines)) == (over > 0)
     assert any("overloads" in line.split()[-1:] for line in lines) == (over > 0)
+
+
+def test_what_holds_of_all_points_of_a_sweep_is_said_once(patches) -> None:
+    patch = hybrid.parse_patch(patches[0].text.replace("until: 10 s", "until: 1 s"))
+    result = hybrid.sweep(patch, "cycle", [1e-3, 2e-3, 3e-3], jobs=1)
+    own = ("", "it overflowed", "it stopped")
+    notes = ["; ".join(filter(None, ("no prediction: y is bent", each))) for each in own]
+    points = [replace(p, note=n) for p, n in zip(result.points, notes, strict=True)]
+    lines = printed(show_sweep, replace(result, points=tuple(points)), [], width=200)
+    assert lines.count("no prediction: y is bent") == 1
+    assert "2 points with a note, the first: it overflowed" in lines
+    points = [replace(p, note="no prediction: y is bent") for p in result.points]
+    lines = printed(show_sweep, replace(result, points=tuple(points)), [], width=200)
+    assert "no prediction: y is bent" in lines and "with a note" not in " ".join(lines)
 
 
 @pytest.mark.parametrize("count", [0, 1, 2, 11, 12, 13, 14, 30, 1000])

@@ -12,8 +12,10 @@ import pytest
 import hybrid
 from hybrid.cli import main
 from hybrid.errors import PatchError
-from hybrid.expressions import FUNCTIONS, evaluate
+from hybrid.expressions import FUNCTIONS, RESERVED_NAMES, evaluate
+from hybrid.fields import TIME_AXIS
 from hybrid.helpers import HELPERS
+from hybrid.modes import RESERVED_SIGNALS
 from hybrid.parsing import parse
 from hybrid.patchfile import parse_patch
 from hybrid.surroundings import earth_fixed, geodetic, gravity_j2, gravity_j2_polar, us76
@@ -290,6 +292,17 @@ def test_a_bare_literal_is_in_si_units():
 def test_every_function_is_in_the_readme():
     text = (Path(__file__).parent.parent / "README.md").read_text(encoding="utf-8")
     assert not [name for name in FUNCTIONS if not re.search(rf"\b{name}\b", text)]
+
+
+def test_every_name_that_is_reserved_is_in_the_readme():
+    text = (Path(__file__).parent.parent / "README.md").read_text(encoding="utf-8")
+    text = re.sub(r"^```.*?^```", "", text, flags=re.DOTALL | re.MULTILINE)
+    named = re.findall(r"[A-Za-z_]\w*", " ".join(re.findall(r"`([^`]+)`", text)))
+    (entry,) = re.findall(r"- Names of signals.*?\n- ", text, re.DOTALL)
+    own = re.findall(r"\w+", " ".join(re.findall(r"`([^`]+)`", entry)))
+    assert set(named) >= RESERVED_NAMES
+    others = RESERVED_NAMES - set(FUNCTIONS)  # these have an entry of their own
+    assert others | RESERVED_SIGNALS | {TIME_AXIS} == set(own)
 
 
 KNOWN = """\

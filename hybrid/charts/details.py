@@ -72,7 +72,9 @@ def _sine(f: Figures) -> list[str]:
 
 
 def _ramp(f: Figures) -> list[str]:
-    return [f"{f.bare('ramp')} 1/s from {f.time('at')}"]
+    unit = unit_text(f.component.unit) or "1"
+    unit = f"({unit})" if "/" in unit else unit
+    return [f"{f.bare('ramp')} {unit}/s from {f.time('at')}"]
 
 
 def _pulse(f: Figures) -> list[str]:

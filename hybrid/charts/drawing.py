@@ -7,6 +7,7 @@ from collections.abc import Mapping, Sequence
 
 from hybrid.charts import style
 from hybrid.charts.layered import Net, Plan, Point, Route
+from hybrid.charts.modebox import drawn_modes
 from hybrid.charts.programs import drawn
 from hybrid.charts.sheet import LINE, NAME_SIZE, PILL_HEIGHT, PILL_SIZE, SMALL_SIZE, Part, Sheet
 from hybrid.charts.symbols import (
@@ -29,7 +30,9 @@ HEAD = 78.0  # title and provenance
 FOOT = 46.0
 
 # What the heading counts, by its customary name.
-COUNTED_FIRST = ("integrator", "summer", "inverter", "potentiometer", "multiplier")
+COUNTED_FIRST = ("integrator", "summer", "inverter", "coefficient", "multiplier")
+# A potentiometer is what a coefficient is set on, of whatever component: `check` counts those.
+COUNTED_AS = {"potentiometer": "coefficient"}
 
 CORD_COLORS = (*style.PENS, "#9A2F4C", "#6B7A1E")
 
@@ -95,6 +98,9 @@ def _inner(sheet: Sheet, plan: Plan) -> list[str]:
         if name in sheet.programs:
             box = drawn(sheet.programs[name], came[name])
             inner.append(tag("g", box, transform=f"translate({at[0]:g} {at[1]:g})"))
+        elif sheet.modes and part.box is sheet.modes.box:
+            box = drawn_modes(sheet.modes)
+            inner.append(tag("g", box, transform=f"translate({at[0]:g} {at[1]:g})"))
         else:
             inner.append(_part(part, at))
     inner += [_mark(sheet, route, plan) for route in plan.routes if route.cord in sheet.marks]
@@ -113,12 +119,13 @@ def _heading(sheet: Sheet) -> tuple[str, ...]:
     """Title and facts above, and one or two lines of notes below."""
     counts = dict.fromkeys(COUNTED_FIRST, 0)
     for component in sorted(sheet.patch.components, key=lambda component: component.kind):
-        name = CATALOG[component.kind].symbol
+        symbol = CATALOG[component.kind].symbol
+        name = COUNTED_AS.get(symbol, symbol)
         counts[name] = counts.get(name, 0) + 1
     counts["A-D converter"] = len(sheet.patch.adcs)
     counts["D-A converter"] = len(sheet.patch.dacs)
     told = [
-        f"{count} {name if count == 1 or name == 'track-store' else _plural(name)}"
+        f"{count} {name if count == 1 else _plural(name)}"
         for name, count in counts.items()
         if count
     ]

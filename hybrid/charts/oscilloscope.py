@@ -134,7 +134,8 @@ def oscilloscope(
 def sweeps_of(record: Recorded, signal: str) -> list[tuple[float, float]]:
     """The sweeps that a record asks for: its operations, or else those that `signal` triggers.
 
-    Operations by time start at exact instants; others at the first row that is in OP.
+    Operations by time start at exact instants; others at the first row that is in OP. A machine that
+    an overload holds for good is in none of the last ones.
     """
     time_s = np.asarray(record["time"].values, dtype=np.float64)
     if "operation" in record.attrs:
@@ -142,7 +143,8 @@ def sweeps_of(record: Recorded, signal: str) -> list[tuple[float, float]]:
         length_s = by_time["reset_s"] + by_time["operate_s"] + by_time["hold_s"]
         count = by_time["operations"] or math.ceil(float(time_s[-1]) / length_s)
         starts_s = [k * length_s + by_time["reset_s"] for k in range(count)]
-        return [(start_s, start_s + by_time["operate_s"]) for start_s in starts_s]
+        last_s = _last_in_op(record, time_s)
+        return [(at_s, at_s + by_time["operate_s"]) for at_s in starts_s if at_s <= last_s]
     if MODE_VARIABLE in record.data_vars and record[MODE_VARIABLE].attrs.get("kind") == "mode":
         operating = np.concatenate(
             [[False], np.asarray(record[MODE_VARIABLE].values) == OP, [False]]
@@ -150,6 +152,14 @@ def sweeps_of(record: Recorded, signal: str) -> list[tuple[float, float]]:
         edges = np.flatnonzero(operating[1:] != operating[:-1]).reshape(-1, 2)
         return [(float(time_s[first]), float(time_s[end - 1])) for first, end in edges]
     return triggers(time_s, np.asarray(record[signal].values, dtype=np.float64))
+
+
+def _last_in_op(record: Recorded, time_s: Floats) -> float:
+    """When the last row in OP was taken; infinite where the record has no mode."""
+    if MODE_VARIABLE not in record.data_vars:
+        return math.inf
+    operating = np.flatnonzero(np.asarray(record[MODE_VARIABLE].values) == OP)
+    return float(time_s[operating[-1]]) if len(operating) else -math.inf
 
 
 def parse_beams(text: str, signals: Collection[str]) -> tuple[str, ...]:

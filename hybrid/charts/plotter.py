@@ -1,5 +1,7 @@
 """The x-y plotter: one signal against another, on paper framed by their full scales.
 
+A signal that stays on one side of zero has paper for that side only.
+
 The pen is down from a given time to the end of the record, of a machine with modes in OP only.
 Signals of the same unit are drawn to the same scale, so that a circle is a circle. A converter, a word
 or a comparator holds its value, so the pen draws steps where one axis holds and the other moves.
@@ -38,6 +40,7 @@ if TYPE_CHECKING:
 PAPER_IN = 6.6  # the longer side of the frame
 NARROWEST = 0.25  # shorter side by longer, beyond which scales are no longer kept equal
 LEFT_IN, BELOW_IN, RIGHT_IN = 1.05, 0.85, 0.45
+ONE_SIDE = 0.01  # of its frame, that a signal of one sign may be beyond zero, by noise say
 FAR_LESS = 0.25  # a signal within this fraction of its full scale gets a frame of its own
 TINY = 1e-290
 BROKEN_OFF = ("interrupted", "stopped")
@@ -54,7 +57,8 @@ class Pair:
 
 @dataclass(frozen=True)
 class _Axis:
-    """One signal as plotted: its values in problem units and half the width of its frame."""
+    """One signal as plotted: its values in problem units, and how far its frame goes from zero: to
+    `frame` on both sides, or on the one that `low` and `high` leave."""
 
     name: str
     held: bool
@@ -62,6 +66,13 @@ class _Axis:
     full_scale: float
     values: Floats
     frame: float
+    low: float
+    high: float
+
+    @property
+    def span(self) -> float:
+        """From end to end of the frame."""
+        return self.high - self.low
 
     @property
     def label(self) -> str:
@@ -187,15 +198,20 @@ def _axis(record: Recorded, name: str, down: NDArray[np.bool_], up: NDArray[np.b
         frame = limit or 1.0
     else:
         frame = limit if FAR_LESS * limit <= peak <= limit else style.round_up(peak)
+    low, high = -frame, frame
+    if peak >= TINY and np.nanmin(values) >= -ONE_SIDE * frame:
+        low = 0.0
+    elif peak >= TINY and np.nanmax(values) <= ONE_SIDE * frame:
+        high = 0.0
     units = str(about.get("units", ""))
-    return _Axis(name, style.is_held(about), units, limit, values, frame)
+    return _Axis(name, style.is_held(about), units, limit, values, frame, low, high)
 
 
 def _frames(across: _Axis, upward: _Axis) -> tuple[float, float]:
     """Width and height of the paper within its frame, in inches."""
     if across.units != upward.units:
         return PAPER_IN, PAPER_IN * 0.8
-    ratio = upward.frame / across.frame
+    ratio = upward.span / across.span
     if not NARROWEST <= ratio <= 1 / NARROWEST:
         return PAPER_IN, PAPER_IN * 0.8
     return (PAPER_IN, PAPER_IN * ratio) if ratio <= 1 else (PAPER_IN / ratio, PAPER_IN)
@@ -238,18 +254,20 @@ def _key(across: _Axis, upward: _Axis) -> str:
 
 def _draw_paper(axes: Axes, across: _Axis, upward: _Axis) -> None:
     """Rule the paper, in squares where both scales are equal, and mark full scale and zero."""
-    axes.set_xlim(-across.frame, across.frame)
-    axes.set_ylim(-upward.frame, upward.frame)
+    axes.set_xlim(across.low, across.high)
+    axes.set_ylim(upward.low, upward.high)
     columns, rows = _squares(across, upward)
-    ticks = np.linspace(-across.frame, across.frame, columns + 1)
-    style.rule(axes, ticks, np.linspace(-upward.frame, upward.frame, 5 * rows + 1), heavy=5)
+    ticks = np.linspace(across.low, across.high, columns + 1)
+    style.rule(axes, ticks, np.linspace(upward.low, upward.high, 5 * rows + 1), heavy=5)
     for axis, line in ((across, axes.axvline), (upward, axes.axhline)):
         line(0.0, color=style.FRAME, lw=0.9, zorder=1)
         if axis.shows_full_scale:
             for place in (-axis.full_scale, axis.full_scale):
+                if not axis.low <= place <= axis.high:
+                    continue
                 line(place, color=style.LIMIT, lw=1.6, zorder=2, label="full scale", clip_on=False)
     for axis, its in ((across, axes.xaxis), (upward, axes.yaxis)):
-        marks = np.linspace(-axis.frame, axis.frame, 5)
+        marks = np.linspace(axis.low, axis.high, 5)
         its.set_ticks(marks, labels=[number(float(mark)) for mark in marks])
     axes.set_xlabel(across.label)
     axes.set_ylabel(upward.label)
@@ -257,7 +275,7 @@ def _draw_paper(axes: Axes, across: _Axis, upward: _Axis) -> None:
 
 def _squares(across: _Axis, upward: _Axis) -> tuple[int, int]:
     """How many squares wide and high the paper is."""
-    ratio = upward.frame / across.frame
+    ratio = upward.span / across.span
     width, height = (8.0, 8 * ratio) if ratio <= 1 else (8 / ratio, 8.0)
     if across.units == upward.units and width >= 2 <= height:
         counts = round(width), round(height)
@@ -297,7 +315,7 @@ def _thinned(across: _Axis, upward: _Axis, frames_in: tuple[float, float]) -> tu
     if len(x) < 3:
         return x, y
     cells = [
-        np.round(axis.values / axis.frame * side * style.DPI * 2)
+        np.round(axis.values / axis.span * side * style.DPI * 4)
         for axis, side in zip((across, upward), frames_in, strict=True)
     ]
     still = (np.diff(cells[0]) == 0) & (np.diff(cells[1]) == 0)

@@ -10,6 +10,7 @@ from dataclasses import dataclass, field
 
 from hybrid.charts.details import Figures, details
 from hybrid.charts.layered import Box, Cord, Plan, Route
+from hybrid.charts.modebox import ModeBox, mode_box
 from hybrid.charts.programs import ProgramBox, adcs_served, program_boxes, sender_of
 from hybrid.charts.style import number, unit_text
 from hybrid.charts.symbols import OTHER, SYMBOLS, text_width
@@ -61,6 +62,7 @@ class Sheet:
     pills: dict[Cord, Pill] = field(default_factory=dict)
     marks: dict[Cord, str] = field(default_factory=dict)  # letters at terminals that add nothing
     programs: dict[str, ProgramBox] = field(default_factory=dict)
+    modes: ModeBox | None = None
 
     def __post_init__(self) -> None:
         self.shown = {part.name: (part.unit, part.factor) for part in self.patch.analog_parts}
@@ -75,6 +77,9 @@ class Sheet:
             self._add_dac(dac)
         for program in boxes:
             self._add_program(program)
+        self.modes = mode_box(self.patch, self.scope)
+        if self.modes:
+            self._add_box(self.modes.box, "modes", self.modes.cords)
 
     @property
     def boxes(self) -> list[Box]:
@@ -184,10 +189,13 @@ class Sheet:
         self.pills |= pills
 
     def _add_program(self, program: ProgramBox) -> None:
-        box = program.box
-        self.programs[box.name] = program
-        self.parts[box.name] = Part(box, "program", (0.0, 0.0, box.width, box.height), ())
-        self.cords += program.cords
+        self.programs[program.box.name] = program
+        self._add_box(program.box, "program", program.cords)
+
+    def _add_box(self, box: Box, key: str, cords: Sequence[Cord]) -> None:
+        """A box that holds its own text."""
+        self.parts[box.name] = Part(box, key, (0.0, 0.0, box.width, box.height), ())
+        self.cords += cords
 
     def _scale(self, part: Component | Dac) -> str:
         figure = part.full_scale.number(self.scope) / part.factor
@@ -204,7 +212,7 @@ class Sheet:
             x, y = plan.places[name]
             left, top, width, height = part.symbol
             yield name, "symbol", (x + left, y + top, x + left + width, y + top + height)
-            if part.key == "program":
+            if not part.names:  # a box that holds its own text
                 continue
             middle, at = x + left + width / 2, y + top + height + 4
             texts = [(text, NAME_SIZE, True) for text in part.names]

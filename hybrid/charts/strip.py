@@ -132,7 +132,7 @@ def _heading(
         time_scale_text(float(about.get("time_scale", 1.0))),
         _clocks(about),
         f"{int(about['cycles']):,} cycles" if about.get("cycles") else "",
-        f"{int(about['operations']):,} operations" if about.get("operations") else "",
+        f"{int(about['operations']):,} operations" if "operation" in about else "",
         f"{style.duration(span, 6)} recorded",
         str(about.get("rows_note", "")),
         _between_rows(record, lanes),

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import json
 import math
+import re
 import textwrap
 import warnings
 from collections.abc import Iterator, Mapping, Sequence
@@ -49,6 +50,27 @@ PENS = ("#0B62A4", "#B85C00", "#007A5A", "#8A4F9E", "#5B6770", "#3C93C2")
 DPI = 110
 LINE_IN = 0.215  # one line of small print
 MARGIN_IN = 0.22  # from the paper's edge to the text
+
+# Written out where a name of the patch takes the short form.
+SHORT_UNITS = {
+    "meter": "m",
+    "second": "s",
+    "kilogram": "kg",
+    "gram": "g",
+    "kelvin": "K",
+    "ampere": "A",
+    "newton": "N",
+    "volt": "V",
+    "watt": "W",
+    "joule": "J",
+    "pascal": "Pa",
+    "hertz": "Hz",
+    "radian": "rad",
+    "degree": "deg",
+    "minute": "min",
+    "hour": "h",
+}
+_LONG_UNIT = re.compile(rf"(?<![A-Za-z_])({'|'.join(SHORT_UNITS)})(?![A-Za-z_])")
 
 _SUPERSCRIPT = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
 
@@ -139,7 +161,8 @@ def _decade(value: float) -> str:
 
 
 def unit_text(units: str) -> str:
-    """Write a unit for the eye: 'N*m/s^2' and 'N*m/s**2' both become 'N·m/s²'."""
+    """Write a unit for the eye: 'N*m/s^2', 'N*m/s**2' and 'newton*meter/second^2' become 'N·m/s²'."""
+    units = _LONG_UNIT.sub(lambda found: SHORT_UNITS[found[0]], units)
     head, *powers = units.replace("**", "^").replace("*", "·").split("^")
     for power in powers:
         size = len(power) - len(power.lstrip("-0123456789"))

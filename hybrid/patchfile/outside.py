@@ -58,7 +58,8 @@ def _number(text: str, wanted: Dimension) -> float:
         dimension, value = dimension_of(expr, {}), evaluate(expr, {})
     except ExpressionError as error:
         # What arithmetic of a patch may have is no help to who wants to give a number.
-        short = re.split("; (?:valid are|give one)", re.sub(r" \(column \d+\)", "", str(error)))[0]
+        told = re.sub(r" \(character \d+ of the expression\)", "", str(error))
+        short = re.split("; (?:valid are|give one)", told)[0]
         raise ExpressionError(_slip(text) or short) from None
     if not fits(text, dimension, wanted):
         raise ExpressionError("its unit does not fit")
