@@ -59,6 +59,9 @@ class Nodes(NamedTuple):
         Floats  # (n, n): from values at the points to values midway between them (the last: at 1)
     )
     midway: Floats  # (1 + LANES, LANES): the same for all lanes at once
+    averages: Floats  # (1 + LANES, LANES): the polynomial of degree q - 2 of a signal's moments
+    rejoined: Floats  # (1 + LANES, LANES): one of degree q - 1 with such moments, 0 at the end
+    peak: Floats  # (1, LANES): one that has no moments, 1 at the end
 
 
 class Shelf(NamedTuple):
@@ -109,6 +112,17 @@ def nodes(q: int = 8) -> Nodes:
     tail = lined_up(2, LANES)
     tail[:, :q] = series[: q - 2 : -1, 1:]
     of_start = series[: q - 2 : -1, 0].copy()
+    every = np.minimum(np.arange(LANES), q - 1)
+    legendres = legendre.legvander(2 * marks - 1, q - 1)
+    low, top = np.linalg.inv(legendres)[: q - 1], legendres[:, q - 1 :]
+    averages, rejoined, peak = (
+        lined_up(1 + LANES, LANES),
+        lined_up(1 + LANES, LANES),
+        lined_up(1, LANES),
+    )
+    averages[1 : q + 1] = (legendres[:, : q - 1] @ low)[every].T
+    rejoined[1 : q + 1] = ((legendres[:, : q - 1] - top) @ low)[every].T
+    peak[0] = top[every, 0]
     return Nodes(
         marks,
         points,
@@ -122,6 +136,9 @@ def nodes(q: int = 8) -> Nodes:
         of_start,
         between,
         midway,
+        averages,
+        rejoined,
+        peak,
     )
 
 

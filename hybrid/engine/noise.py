@@ -15,6 +15,7 @@ of it. What shorter lags make of it is as good as the windows before an instant 
 
 from __future__ import annotations
 
+import math
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -22,17 +23,22 @@ import numpy.typing as npt
 
 from hybrid.elements import INTEGRATE, TRACK
 from hybrid.engine.arrays import Floats, Ints, lined_up
+from hybrid.engine.blur import Blur, near, near_the_cut, new_blur, share_left, spread_out
 from hybrid.engine.circuit import (
     CONTROL,
     CORNER,
     KIND,
     LAG,
+    OF_ANGLE,
+    OWNER,
     RATE,
+    ROLE,
     SOURCE,
     Circuit,
 )
 from hybrid.engine.compiling import compiled, inlined
 from hybrid.engine.corners import Log, moves, new_log, settle
+from hybrid.engine.deviations import Chain, new_chain, noise_at_guards
 from hybrid.engine.handover import accept, guess
 from hybrid.engine.lanes import LANES, add_scaled, weigh
 from hybrid.engine.nodes import Nodes, Shelf, free_slot, new_shelf
@@ -74,6 +80,8 @@ class Noise(NamedTuple):
     draws: Floats  # (q,): scratch
     held: Floats  # (n,): scratch
     log: Log  # events of the truth are those of the smooth run: nothing fits
+    chain: Chain
+    blur: Blur
 
 
 def new_noise(circuit: Circuit, random: np.random.Generator, q: int = 8) -> Noise:
@@ -88,7 +96,20 @@ def new_noise(circuit: Circuit, random: np.random.Generator, q: int = 8) -> Nois
         np.zeros(q),
         np.zeros(len(circuit.rows)),
         new_log(0),
+        new_chain(circuit),
+        new_blur(circuit, q),
     )
+
+
+def measure(circuit: Circuit, smooth: State, noise: Noise) -> None:
+    """Find what noise there is at corners, of a run that has settled at its start."""
+    if not noise.chain.blurs.any():
+        return
+    blur, most = noise.blur, np.zeros(len(circuit.corners))
+    noise_at_guards(circuit, smooth.start, smooth, noise.chain, blur, most, True)
+    noise_at_guards(circuit, smooth.start, smooth, noise.chain, blur, blur.deviation, False)
+    most[~(most < 1.0)] = 1.0  # loops whose bound has no end
+    blur.most[:] = most if noise.chain.live[0] else blur.deviation
 
 
 @compiled
@@ -138,8 +159,12 @@ def play_truth(
     """
     truth, done_s, most_s = noise.truth, 0.0, length_s
     take(truth.piece, smooth.piece)
+    if noise.blur.times_s[0] > 0.0:
+        _reach_over(circuit, smooth, noise)
     while done_s < length_s:
         piece_s = _piece(circuit.tails_s, min(length_s - done_s, most_s), left_s - done_s)
+        if noise.blur.rough[0] > 0:
+            piece_s = _blur(circuit, noise, piece_s, left_s - done_s)
         place, share, degree = done_s / length_s, piece_s / length_s, len(grid.marks)
         guess(circuit, truth, noise.shelf, grid, place, share, degree, smooth.start, smooth.nodes)
         slot = _find(noise.shelf.lengths_s, piece_s)
@@ -164,6 +189,58 @@ def play_truth(
             if most_s < SHORTEST_S:
                 return False
     return True
+
+
+@compiled
+def _reach_over(circuit: Circuit, smooth: State, noise: Noise) -> None:
+    """Find the corners that noise reaches over in the window that the smooth run has solved."""
+    chain, blur, truth, found = noise.chain, noise.blur, noise.truth, False
+    for corner in range(circuit.corners.shape[0]):
+        if blur.most[corner] > 0.0 and _near(circuit, smooth, truth, corner, blur.most[corner]):
+            if not found and chain.live[0] > 0:
+                middle, end = noise.held, smooth.nodes.shape[1] - 1
+                for e in range(middle.shape[0]):
+                    middle[e] = 0.5 * (smooth.start[e] + smooth.nodes[e, end])
+                noise_at_guards(circuit, middle, smooth, chain, blur, blur.deviation, False)
+            found = True
+            break
+    was = blur.rough[0] > 0
+    if not (found or was):
+        return
+    found = False
+    for corner in range(circuit.corners.shape[0]):
+        s = blur.deviation[corner]
+        if s > 0.0 and _near(circuit, smooth, truth, corner, s):
+            truth.blur[corner], found = s, True
+        else:
+            truth.blur[corner] = -1.0
+    spread_out(circuit, truth.blur, truth.rough)
+    blur.rough[0] = 1 if found else 0
+
+
+@compiled
+def _near(circuit: Circuit, smooth: State, truth: State, corner: int, s: float) -> bool:
+    if circuit.corners[corner, ROLE] == OF_ANGLE:
+        e = circuit.corners[corner, OWNER]
+        return bool(near_the_cut(circuit, e, smooth.start, smooth.nodes, s))
+    held, piece = truth.guard_start[corner], smooth.piece[corner]
+    return bool(near(circuit, corner, piece, smooth.guard_start, smooth.guard, held, s))
+
+
+@compiled
+def _blur(circuit: Circuit, noise: Noise, piece_s: float, left_s: float) -> float:
+    """How long the piece may be, and what it leaves unresolved of noise that reaches over corners."""
+    blur, truth = noise.blur, noise.truth
+    fine_s, tail_s = blur.times_s[0], blur.times_s[1]
+    piece_s = min(piece_s, left_s - tail_s if left_s > 1.25 * tail_s else fine_s)
+    for corner in range(circuit.corners.shape[0]):
+        if truth.blur[corner] < 0.0:
+            continue
+        share = share_left(blur.shares, piece_s * blur.rate[corner])
+        truth.blur[corner] = blur.deviation[corner] * math.sqrt(share)
+        if piece_s > fine_s:
+            blur.blurred_s[corner] += piece_s
+    return piece_s
 
 
 @compiled

@@ -33,7 +33,24 @@ def watch(state: State, grid: Nodes, t_s: float, length_s: float) -> None:
     start, nodes, overload = state.start, state.nodes, state.overload
     for e in range(nodes.shape[0]):
         if abs(start[e]) > NEAR or not between(nodes, e, -NEAR, NEAR):
+            if state.rough[e] > 0:
+                _note_end(start[e], nodes[e, len(grid.marks) - 1], overload[e], t_s, length_s)
+                continue
             _note(grid, start[e], nodes[e], overload[e], t_s, length_s)
+
+
+@compiled
+def _note_end(start: float, end: float, overload: Floats, t_s: float, length_s: float) -> None:
+    """Look at the end alone: what lies before it is averages."""
+    if not abs(end) > FULL_SCALE:
+        return
+    if overload[TIMES] == 0.0:
+        overload[FIRST_S], overload[FIRST_VALUE] = t_s + length_s, end
+    if abs(start) > FULL_SCALE:
+        overload[BEYOND_S] += length_s
+    if abs(end) > abs(overload[WORST_VALUE]):
+        overload[WORST_VALUE], overload[WORST_S] = end, t_s + length_s
+    overload[TIMES] += 1.0
 
 
 @compiled

@@ -12,14 +12,21 @@ import numpy as np
 from hybrid.elements import QUOTIENT
 from hybrid.engine.arrays import Floats
 from hybrid.engine.beyond import TIMES
+from hybrid.engine.blur import Blur
 from hybrid.engine.circuit import (
+    AT,
+    C0,
+    C1,
+    C2,
     END,
     FIRST,
+    GAIN,
     HIGH,
     KIND,
     LOW,
     OF_ANGLE,
     OF_INTEGRATOR,
+    OF_OUTPUT,
     OF_SUM,
     OWNER,
     ROLE,
@@ -32,6 +39,8 @@ from hybrid.machine import Machine
 
 GIVE = "give it hysteresis"
 NO_HYSTERESIS = "it has no hysteresis, so give the loop less gain"
+# Parts whose averages are blurred for less of a run are not told of.
+LEAST_BLURRED = 0.05
 
 
 def chattering(circuit: Circuit, names: Sequence[str], changes: Floats) -> tuple[str, ...]:
@@ -66,6 +75,58 @@ def held_back(
             level = float(np.max(np.abs(circuit.pieces[first + 1, [LOW, HIGH]])))
             found.append(f"{name} was held back by its saturation, {level:.4g} of full scale")
     return tuple(found)
+
+
+def over_corners(
+    circuit: Circuit, names: Sequence[str], blur: Blur, played_s: float
+) -> tuple[str, ...]:
+    """Each part whose averages noise has blurred over its corners for long, and how much, in words."""
+    found = []
+    for corner, (e, role, *_) in enumerate(circuit.corners.tolist()):
+        share = float(blur.blurred_s[corner]) / played_s if played_s > 0.0 else 0.0
+        if share < LEAST_BLURRED:
+            continue
+        name, _, _ = names[e].partition(":")
+        rms, rest = blur.deviation[corner], left_out(circuit, corner, float(blur.deviation[corner]))
+        over = f"the {'saturation' if role == OF_OUTPUT else 'corners'} of {name}"
+        told = "its mean and gain in that noise stand for it"
+        if role == OF_ANGLE:
+            over, told = f"the cut of {name}", "a smooth angle stands for it"
+        found.append(
+            f"noise of rms {rms:.2g} reached over {over} for {share:.0%} of the run: between instants "
+            f"{told}, without the rest, of rms {rest:.2g} of full scale"
+        )
+    return tuple(found)
+
+
+def left_out(circuit: Circuit, corner: int, s: float) -> float:
+    """What the mean and the gain in noise of deviation s at its guard leave out of a part: its rms.
+
+    At the corner where that is most; E f^2 - (E f)^2 - (E f n)^2, by sums over a normal distribution.
+    """
+    e, role, first, end, _ = circuit.corners[corner].tolist()
+    if role == OF_ANGLE:  # which may be anything: even between -pi and pi
+        return float(abs(circuit.figures[e, GAIN]) * np.pi / np.sqrt(3.0))
+    pieces, n = circuit.pieces[first:end], np.linspace(-5.0, 5.0, 401)
+    weights, most = np.exp(-0.5 * n * n) / np.sum(np.exp(-0.5 * n * n)), 0.0
+    for bound in pieces[1:, LOW]:
+        g = bound + s * n
+        p = pieces[np.searchsorted(pieces[:-1, HIGH], g)]
+        x = g - p[:, AT]
+        y = (p[:, C2] * x + p[:, C1]) * x + p[:, C0]
+        mean, gain = weights @ y, weights @ (y * n)
+        most = max(most, float(weights @ (y - mean - gain * n) ** 2))
+    factor = abs(circuit.figures[e, GAIN]) if role == OF_SUM else 1.0
+    return float(factor * np.sqrt(most))
+
+
+def error_of_averages(circuit: Circuit, blur: Blur, played_s: float) -> float:
+    """What that makes of an average over the run, of full scale: the rms, all parts together."""
+    square = 0.0
+    for corner in np.flatnonzero(blur.blurred_s > 0.0).tolist():
+        rest = left_out(circuit, corner, float(blur.deviation[corner]))
+        square += rest * rest * 2.0 * float(blur.blurred_s[corner] / blur.rate[corner])
+    return float(np.sqrt(square)) / played_s if square > 0.0 else 0.0
 
 
 def ended_by(circuit: Circuit, names: Sequence[str], state: State, gathered: bool) -> str:

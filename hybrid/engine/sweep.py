@@ -29,6 +29,7 @@ from hybrid.elements import (
     TRACK,
 )
 from hybrid.engine.arrays import Floats, Ints, lined_up
+from hybrid.engine.blur import answer
 from hybrid.engine.circuit import (
     AMPLITUDE,
     AT,
@@ -39,6 +40,7 @@ from hybrid.engine.circuit import (
     CONTROL,
     CORNER,
     END,
+    END_PIECE,
     EXPONENT,
     FEEDBACK,
     FIRST,
@@ -105,6 +107,8 @@ class State(NamedTuple):
     changes: Floats  # (corners, 17): see the columns below
     calls: Ints  # (n, 2): see the columns below
     ways: Floats  # (pairs of Circuit.outside, 6): see the columns below
+    blur: Floats  # (corners,): deviation of noise unresolved that reaches over it; -1: none does
+    rough: Ints  # (n,): 1 where such noise has made a signal, between the ends of the window
 
 
 # Columns of State.memory, each at the start of the window and at its end: the state of an integrator,
@@ -187,6 +191,8 @@ def new_state(circuit: Circuit, q: int = 8) -> State:
         changes,
         np.zeros((n, 2), dtype=np.int64),
         new_ways(circuit),
+        np.full(m, -1.0),
+        np.zeros(n, dtype=np.int64),
     )
 
 
@@ -359,9 +365,13 @@ def special(
         terms, middle, constant = middle, end, figures[e, SECOND_CONSTANT]
     gather(scratch, 0, constant, gain, nodes, signal, terms, middle)
     if kind == PIECES:
-        for i in range(LANES):
-            guard[corner, i] = scratch[0, i]
-            scratch[0, i] = piece_of(pieces, p, scratch[0, i])
+        if state.blur[corner] >= 0.0:
+            copy(guard, corner, scratch, 0)
+            blurred(circuit, state, grid, corner)
+        else:
+            for i in range(LANES):
+                guard[corner, i] = scratch[0, i]
+                scratch[0, i] = piece_of(pieces, p, scratch[0, i])
     elif kind != SUM and kind != INTEGRATE:
         gather(scratch, 1, figures[e, SECOND_CONSTANT], gain, nodes, signal, middle, end)
         if kind == PRODUCT:
@@ -391,7 +401,7 @@ def special(
             for i in range(LANES):
                 x, y = scratch[0, i], scratch[1, i]
                 scratch[0, i] = function_of(kind, x, y, figures[e, EXPONENT])
-            if kind == ANGLE:
+            if kind == ANGLE and state.blur[corner] < 0.0:
                 for i in range(LANES):
                     scratch[0, i] = angle_in(piece[corner], scratch[0, i])
                     guard[corner, i] = room_of(piece[corner], scratch[0, i])
@@ -419,11 +429,21 @@ def special(
                 copy(guard, corner, scratch, 0)
     if factor != 1.0 or offset != 0.0:
         scale(scratch, 0, factor, offset)
-    if stop >= 0:
+    if stop >= 0 and state.blur[stop] >= 0.0:
+        copy(guard, stop, scratch, 0)
+        blurred(circuit, state, grid, stop)
+    elif stop >= 0:
         p = corners[stop, FIRST_PIECE] + piece[stop]
         for i in range(LANES):
             guard[stop, i] = scratch[0, i]
             scratch[0, i] = piece_of(pieces, p, scratch[0, i])
+
+
+@inlined
+def blurred(circuit: Circuit, state: State, grid: Nodes, corner: int) -> None:
+    """The pieces of a corner that noise reaches over, of scratch row 0, in its place."""
+    first, end = circuit.corners[corner, FIRST_PIECE], circuit.corners[corner, END_PIECE]
+    answer(circuit.pieces, first, end, state.blur[corner], state.row, grid)
 
 
 @compiled

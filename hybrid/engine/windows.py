@@ -31,9 +31,16 @@ from hybrid.engine.interplay import (
 from hybrid.engine.linear import Player
 from hybrid.engine.lost import Lost, runaway, tails, unresolved
 from hybrid.engine.nodes import RESOLUTION, Shelf, new_shelf, nodes
-from hybrid.engine.noise import SHARE_OF_NOISE, Noise, new_noise
+from hybrid.engine.noise import SHARE_OF_NOISE, Noise, measure, new_noise
 from hybrid.engine.relaxation import no_pen
-from hybrid.engine.remarks import chattering, ended_by, held_back, refuse_undefined
+from hybrid.engine.remarks import (
+    chattering,
+    ended_by,
+    error_of_averages,
+    held_back,
+    over_corners,
+    refuse_undefined,
+)
 from hybrid.engine.sweep import (
     DRIVE,
     FROZEN,
@@ -135,6 +142,8 @@ class CircuitPlayer(Player):
         state = state._replace(v=v, next_v=np.zeros(count))
         begin(self.side, self.noise, self.plant, state, state.v[count + self.side.held])
         refuse_undefined(self.machine, self.side.circuit, self.names, self.side.state.start)
+        if self.noise is not None:
+            measure(self.side.circuit, self.side.state, self.noise)
         self.calls.listen(self.side.state)
         return state
 
@@ -154,8 +163,11 @@ class CircuitPlayer(Player):
     def engine_error(self) -> float | None:
         """What the ends of the windows have gathered, of full scale, were nothing magnified."""
         smooth = float(self.side.state.clock[SUM_OF_ERRORS])
-        squares = float(self.noise.truth.clock[SUM_OF_ERRORS]) if self.noise else 0.0
-        return smooth + math.sqrt(squares)
+        if self.noise is None:
+            return smooth
+        squares = float(self.noise.truth.clock[SUM_OF_ERRORS])
+        blurred = error_of_averages(self.side.circuit, self.noise.blur, self.done_s)
+        return smooth + math.sqrt(squares) + blurred
 
     @property
     def coarse_by(self) -> str:
@@ -184,6 +196,11 @@ class CircuitPlayer(Player):
         return (
             *chattering(circuit, self.names, state.changes),
             *held_back(self.machine, circuit, self.names, state, overload),
+            *(
+                over_corners(circuit, self.names, self.noise.blur, self.done_s)
+                if self.noise
+                else ()
+            ),
         )
 
     @property
