@@ -10,7 +10,7 @@ for where it leads; only where loops do not agree with noise in them a piece is 
 
 Exact in distribution at every instant, and jointly: the noise of a component, and what integrators make
 of it. What shorter lags make of it is as good as the windows before an instant resolve it
-(`circuit.TAIL_LAGS`). Within windows longer than the noise lasts, the square of the noise has no effect.
+(`circuit.TAIL_LAGS`). Products of noise do nothing in windows longer than it lasts (of corners: `blur`).
 """
 
 from __future__ import annotations
