@@ -60,7 +60,7 @@ from hybrid.engine.circuit import (
     Circuit,
 )
 from hybrid.engine.compiling import allocating
-from hybrid.engine.sweep import State
+from hybrid.engine.sweep import State, is_high
 
 # Lags slower than the noise by this make nothing of it within a window that integrators would not.
 SLOWEST = 1e-3
@@ -68,6 +68,8 @@ SLOWEST = 1e-3
 MOST_DOUBLINGS = 40
 # A mean square over a normal distribution takes so many points on either side, up to 4 deviations.
 POINTS = 16
+# Where a function has no finite slope at 0, its argument is taken for no less: noise is about so large.
+NO_LESS = 1e-3
 
 
 class Chain(NamedTuple):
@@ -207,7 +209,7 @@ def _of_lags(
     if kind == PIECES:
         by_x = _slope_of(circuit, state, blur, corner, x, bound)
     elif kind in (SWITCH, TRACK):
-        high = at[rows[e, CONTROL]] > 0.5
+        high = is_high(rows, state.piece, state.memory, rows[e, CONTROL])
         by_x, by_y = (1.0, 0.0) if high else (0.0, 1.0 if kind == SWITCH else 0.0)
     if bound and kind == PRODUCT:
         by_x, by_y = max(1.0, abs(y)), max(1.0, abs(x))
@@ -234,18 +236,19 @@ def _slopes(kind: int, x: float, y: float, exponent: float) -> tuple[float, floa
     if kind == PRODUCT:
         return y, x
     if kind == QUOTIENT:
+        y = math.copysign(max(abs(y), NO_LESS), y)
         return 1.0 / y, -x / (y * y)
     if kind == SQRT:
-        return (0.5 / math.sqrt(x) if x > 0.0 else 0.0), 0.0
+        return (0.5 / math.sqrt(max(x, NO_LESS)) if x > 0.0 else 0.0), 0.0
     if kind == SIN:
         return math.cos(x), 0.0
     if kind == COS:
         return -math.sin(x), 0.0
     if kind == POWER:
-        return (exponent * abs(x) ** (exponent - 1.0) if x != 0.0 else 0.0), 0.0
+        return exponent * max(abs(x), NO_LESS) ** (exponent - 1.0), 0.0
     if kind == ANGLE:
-        square = x * x + y * y
-        return (y / square, -x / square) if square > 0.0 else (0.0, 0.0)
+        square = max(x * x + y * y, NO_LESS * NO_LESS)
+        return y / square, -x / square
     return 0.0, 0.0
 
 
