@@ -9,6 +9,7 @@ from __future__ import annotations
 import functools
 import itertools
 import math
+import re
 from collections.abc import Callable, Sequence
 
 from hybrid.errors import PatchError, counted, did_you_mean, quoted
@@ -223,10 +224,12 @@ def _apply(element: Element, named: Named) -> Node:
     if tag in ("divide", "power"):
         count(2, 2)
         return Binary("/" if tag == "divide" else "**", values[0], values[1])
-    if tag == "csymbol" and "atan2" in (head.text + head.attributes.get("definitionURL", "")):
+    address = head.attributes.get("definitionURL", "")
+    if tag == "csymbol" and "atan2" in (head.text.strip(), re.split("[/#]", address)[-1]):
         count(2, 2)
         return Call("atan2", (values[0], values[1]))
-    count(1, 1)
+    if tag != "csymbol":
+        count(1, 1)
     return _of_one(head, values[0], qualified)
 
 

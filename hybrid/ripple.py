@@ -1,5 +1,5 @@
-"""What rows between the cycles do to a transient: they show the ripple of the digital machine, which is
-no part of a mode.
+"""What is no part of the modes of a transient: rows between cycles show the ripple of the digital
+machine, the first rows what its tasks stir up at the start.
 
 Stage 5. A record is a sum of modes at instants at which the digital machine is where it was: a cycle
 apart, with several tasks the time after which all of them are where they were. Between these it holds
@@ -23,6 +23,10 @@ from hybrid.scale import to_seconds, to_ticks
 
 # Groups of rows that are measured, evenly among those that there are.
 MOST_GROUPS = 16
+# Rounds of the tasks in which what the start of a run stirs up has mostly died.
+STARTING = 5
+# A shift by more than this many deviations is none of noise.
+DEVIATIONS = 2.0
 FIGURES = ("omega", "omega_damped", "zeta")
 
 
@@ -68,8 +72,11 @@ def with_ripple(
         return found, (
             f"{repeat.reason}, so the record is no sum of modes: the +- leaves out what that does{more}"
         )
-    if not repeat.ticks or row_ticks % repeat.ticks == 0:
+    if not repeat.ticks:
         return found, ""
+    if row_ticks % repeat.ticks == 0:
+        several = bool(machine.timing.tasks)
+        return _with_start(found, values, row_ticks, repeat.ticks) if several else (found, "")
     apart = math.lcm(repeat.ticks, row_ticks) // row_ticks
     added = _ripple(found, values, row_ticks, apart)
     own = [getattr(found, f"{name}_error") for name in FIGURES]
@@ -83,6 +90,34 @@ def with_ripple(
     return found, (
         f"the rows, {to_seconds(row_ticks):g} s apart, show the ripple between the instants at which "
         f"{what}; it {told}. every: {to_seconds(repeat.ticks):g} s, or a multiple, shows the modes alone"
+    )
+
+
+def _with_start(
+    found: Transient, values: Floats, row_ticks: int, repeat_ticks: int
+) -> tuple[Transient, str]:
+    """The same with what the first stretches do to it: what dies in them is no part of the mode, and yet
+    large beside the noise of the rest."""
+    first = -(-STARTING * repeat_ticks // row_ticks)
+    if len(values) - first < len(values) / 2:
+        return found, ""
+    later = measure_transient(np.ascontiguousarray(values[first:]), to_seconds(row_ticks))
+    if later.omega is None:
+        return found, ""
+    added = [abs(getattr(later, name) - getattr(found, name)) for name in FIGURES]
+    far = [
+        shift > DEVIATIONS * getattr(later, f"{name}_error")
+        for name, shift in zip(FIGURES, added, strict=True)
+    ]
+    if not any(far):
+        return found, ""
+    errors = {
+        f"{name}_error": getattr(found, f"{name}_error") + shift
+        for name, shift in zip(FIGURES, added, strict=True)
+    }
+    return replace(found, **errors), (
+        "the first rows show what dies within a few rounds of the tasks; it is in the +-. from: "
+        f"{to_seconds(first * row_ticks):g} s leaves it out"
     )
 
 

@@ -238,14 +238,24 @@ def test_limits_hold_one_side_or_both_and_constants_too(flown):
         model = model.replace("<apply><times/><cn>0.5</cn><ci>alpha</ci></apply>", calculation)
         made = flown(model, alpha=math.radians(4.0))
         found = math.degrees(made.record["twist"].values[-1]) - 4.0
+        ranges.extend(told["range"] for told in made.outside)
         return pytest.approx(found, rel=64 * EPS), [told["value"] for told in made.outside]
 
+    ranges = []
     assert twist("") == (2.0, [])
     assert twist('minValue="2.5"') == (2.5, [pytest.approx(2.0)])
+    assert ranges == [[2.5, None]]  # it has no other end
     assert twist('minValue="1" maxValue="1"') == (1.0, [pytest.approx(2.0)])  # no range at all
     assert twist('minValue="-1" maxValue="2.5"') == (2.0, [])
     assert twist('maxValue="2.5"', "<cn>7</cn>") == (2.5, [7.0])
     assert twist('maxValue="7"', "<cn>7</cn>") == (7.0, [])
+
+
+def test_only_the_csymbol_atan2_is_read(flown):
+    other = "<apply><csymbol definitionURL='x/atan2d'>atan2d</csymbol><cn>1</cn><cn>1</cn></apply>"
+    model = MODEL.replace("<apply><times/><cn>0.5</cn><ci>alpha</ci></apply>", other)
+    with pytest.raises(PatchError, match="atan2d' is no function that is read"):
+        flown(model)
 
 
 def test_what_is_no_number_passes_no_limit_and_no_comparison(flown):

@@ -29,6 +29,19 @@ def test_the_ripple_of_the_slow_rates_is_in_the_stated_error(every, machine):
         assert abs(found[name] - getattr(exact, name)) < 3 * found[f"{name}_error"]
 
 
+def test_what_dies_at_the_start_is_in_the_stated_error_beside_noise():
+    """It is below what noise lets a fit resolve, and moves omega by four of its deviations."""
+    patch, squares, runs = hybrid.read_patch("rate_groups"), {"omega": 0.0, "omega_damped": 0.0}, 12
+    (exact,) = hybrid.predict(patch, machine="nominal").modes
+    for seed in range(runs):
+        found = hybrid.run(patch, machine="nominal", seed=seed).readouts["pitch_mode"]
+        for name in squares:
+            off = found[name] - getattr(exact, name)
+            squares[name] += (off / found[f"{name}_error"]) ** 2
+    # The mean of 12 squares of deviations exceeds 2.5 once in 600 where the error is right.
+    assert all(sum_of / runs < 2.5 for sum_of in squares.values())
+
+
 def test_rows_that_show_ripple_are_told_and_others_are_not():
     told = hybrid.run(two_rates("20 ms"), SLOW).readouts["pitch_mode"]
     assert "0.02 s apart" in told["note"]

@@ -47,7 +47,7 @@ class Outside:
             "argument": self.site.arguments[self.argument],
             "value": self.value,
             "worst": self.worst,
-            "range": list(self.range),
+            "range": [end if abs(end) < ENDLESS else None for end in self.range],
             "units": self.site.units[self.argument],
             "time_s": self.time_s,
             "times": self.times,
