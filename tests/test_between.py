@@ -142,6 +142,36 @@ def test_on_overload_stop_ends_at_the_first_of_them():
     assert result.time_s[-1] == pytest.approx(3e-3)
 
 
+@pytest.mark.parametrize("every", ["30 ms", "1 ms", "10 us"])
+def test_nothing_is_told_of_what_would_have_been_after_the_stop(every):
+    """x goes on to 1.5, and a lag behind it beyond full scale, before the next row of the first two."""
+    text = SWING.format(scale=1, more=", on_overload: stop")
+    text = text.replace("run:", "  y: {lag: {x: 1}, time_constant: 0.1 ms, full_scale: 1}\nrun:")
+    result = hybrid.run(hybrid.parse_patch(text), {"every": every})
+    (found,) = result.overloads
+    assert found["signal"] == "x" and found["time_s"] == pytest.approx(math.asin(2 / 3) / 200)
+    assert (found["worst_value"], found["duration_s"]) == (pytest.approx(1.0, rel=1e-11), 0.0)
+
+
+@pytest.mark.parametrize("every", ["7.3 ms", "10 ms", "1 ms"])
+def test_what_rests_at_full_scale_or_touches_it_is_none(every):
+    """By rounding it stands a spacing of floats above."""
+    patch = hybrid.parse_patch(
+        f"""
+title: At rest
+machine: lags
+analog:
+  one: {{constant: 1, full_scale: 1}}
+  rests: {{lag: {{one: 1}}, time_constant: 1 ms, initial: 0, full_scale: 1}}
+  sq: {{square: 1, period: 0.2 s, full_scale: 1, tau: 0}}
+  touches: {{integrate: {{sq: 20}}, initial: -1, full_scale: 1, tau: 0}}
+run: {{until: 1 s, every: {every}, on_overload: stop}}
+"""
+    )
+    result = hybrid.run(patch)
+    assert result.status == "complete" and not result.overloads
+
+
 def test_long_runs_are_looked_at_in_pieces():
     """12,800 intervals: some 3 pieces; every turn of the circle is as long beyond as the others."""
     patch = hybrid.parse_patch(SWING.format(scale=1, more=""))

@@ -83,6 +83,8 @@ class ExactPlayer(Player):
         )
         # An interval ends at an instant, and begins at the one before.
         self.lookout.end(lambda repeat, instant: self._instant_s(repeat, instant - 1))
+        if outcome == kernel.OVERLOADED:
+            self.lookout.stop()
         return outcome
 
 

@@ -26,6 +26,7 @@ from hybrid.engine.arrays import (
     Score,
     State,
 )
+from hybrid.engine.beyond import FULL_SCALE
 from hybrid.engine.bursts import MULTIPLY_ADD, multiply_add
 from hybrid.engine.compiling import compiled, inlined
 
@@ -101,7 +102,7 @@ def _watch(signal: Numbers, state: State, now: Moment) -> int:
     """Note every analog signal that is beyond full scale; whether the run may go on."""
     v = state.v
     for s in range(signal.shape[0]):
-        if abs(v[signal[s]]) > 1.0:
+        if abs(v[signal[s]]) > FULL_SCALE:
             note_overload(state, s, v[signal[s]], now)
     for x in v:
         if not abs(x) <= RUNAWAY_MU:
@@ -226,7 +227,7 @@ def _finish(deck: Deck, state: State, number: int) -> int:
 def _latch(dac: Any, plant: Plant, state: State, row: int, now: Moment) -> int:
     """A DAC takes over its word."""
     value, outcome = state.words[dac.word] * dac.to_mu, PAUSED
-    if abs(value) > 1.0:
+    if abs(value) > FULL_SCALE:
         note_overload(state, row, value, now)
         outcome = _unless_overloaded(state)
     if not abs(value) <= RUNAWAY_MU:

@@ -14,7 +14,7 @@ import numpy as np
 
 from hybrid.engine import helper_functions, kernel
 from hybrid.engine.arrays import CUE, Deck, Plant, Score, State
-from hybrid.engine.beyond import DAC_SUFFIX, Overload
+from hybrid.engine.beyond import DAC_SUFFIX, FULL_SCALE, Overload
 from hybrid.engine.bursts import MULTIPLY_ADD
 from hybrid.engine.limited import play_limited
 from hybrid.engine.lost import Lost, farthest
@@ -90,7 +90,7 @@ class Player:
         # Where earlier segments' overloads began, as the kernel's counts start anew in each.
         self._overload_s: dict[int, tuple[float, float, float, float, int]] = {}
         for row, value in enumerate(self.state.v[self.plant.signal].tolist()):
-            if abs(value) > 1.0:
+            if abs(value) > FULL_SCALE:
                 self._overload_s[row] = (0.0, value, value, 0.0, 1)
                 self.state.overload[row, kernel.LAST] = 1
         if machine.on_overload != CONTINUE:

@@ -14,7 +14,15 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from hybrid.engine.arrays import Floats, Ints, Plant, State
-from hybrid.engine.beyond import FIRST_S, FULL_SCALE, WORST_S
+from hybrid.engine.beyond import (
+    BEYOND_S,
+    FIRST_S,
+    FIRST_VALUE,
+    FULL_SCALE,
+    TIMES,
+    WORST_S,
+    WORST_VALUE,
+)
 from hybrid.engine.ladder import MOST_RUNGS, chord_bounds, ladder_of, rungs_for, shortest_s
 from hybrid.engine.propagator import Propagator, propagators
 from hybrid.machine import Analog
@@ -75,6 +83,14 @@ class Lookout:
         for columns, since in (((0, 1), FIRST_S), ((2, 3), WORST_S)):
             for s in np.flatnonzero(self.at[:, columns[0]] >= 0).tolist():
                 self.seen[s, since] += began_s(*self.at[s, list(columns)].tolist())
+
+    def stop(self) -> None:
+        """The run ends where the first signal passes full scale: what comes later never was."""
+        seen = self.seen
+        first_s = np.min(seen[seen[:, TIMES] > 0.0, FIRST_S], initial=np.inf)
+        seen[seen[:, FIRST_S] > first_s] = 0.0
+        seen[:, [WORST_S, WORST_VALUE]] = seen[:, [FIRST_S, FIRST_VALUE]]
+        seen[:, BEYOND_S] = 0.0
 
     def _propagators(self) -> list[Propagator]:
         return propagators([(self.analog, h) for h in self.intervals_s])
