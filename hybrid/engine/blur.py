@@ -228,7 +228,7 @@ def blurs(circuit: Circuit, corner: int) -> bool:
     """Whether a corner is one that noise can blur: not a jump, and not that of an integrator."""
     _, role, first, end, _ = circuit.corners[corner].tolist()
     if role in (OF_INTEGRATOR, OF_ANGLE):
-        return bool(role == OF_ANGLE)
+        return False  # an angle's cut is a jump
     return _no_jump(circuit.pieces[first:end].tobytes())
 
 
