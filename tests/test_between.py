@@ -196,7 +196,7 @@ def test_no_signal_leaves_its_chord_by_more_than_the_bounds(seed, lags, share):
         a[2, 2], a[3, 3] = -2e3, -3e3
     whole_s = share * 1.5
     analog = SimpleNamespace(a=a, b=b, c=c)
-    ladder = ladder_of.__wrapped__(analog, shortest_s(analog, whole_s), rungs_for(analog, whole_s))
+    ladder = ladder_of(analog, shortest_s(analog, whole_s), rungs_for(analog, whole_s))
     of_rates, of_changes = (bound[0] for bound in chord_bounds(analog, ladder, np.array([whole_s])))
     block = np.vstack([np.hstack([a, b]), np.zeros((m, n + m))])
     z = draw.normal(size=n + m)

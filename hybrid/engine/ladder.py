@@ -56,25 +56,32 @@ def rungs_for(analog: Analog, longest_s: float) -> int:
 def shortest_s(analog: Analog, longest_s: float) -> float:
     """Length of the first rung, s: short against all that happens."""
     norm = float(np.max(np.sum(np.abs(analog.a), axis=1), initial=0.0))
-    return min(SHORT / norm, longest_s) if norm > 0.0 else longest_s
+    return SHORT / norm if norm > 0.0 else longest_s
 
 
-# The runs of a sweep of T share their analog side, and mostly the number of rungs.
-@functools.lru_cache(maxsize=16)
 def ladder_of(analog: Analog, first_s: float, rungs: int) -> Ladder:
     """The ladder of an analog side, from `first_s` up."""
-    n, m = analog.b.shape
-    c = analog.c[:, :n]
-    to_apart, from_apart = _decoupled(analog.a, first_s * 2.0 ** (rungs - 1))
+    arrays = (np.ascontiguousarray(array).tobytes() for array in (analog.a, analog.b, analog.c))
+    return _built(*arrays, *analog.b.shape, first_s, rungs)
+
+
+# Runs one after the other mostly have the same analog side, and those of a sweep of T as many rungs.
+@functools.lru_cache(maxsize=16)
+def _built(
+    a_bytes: bytes, b_bytes: bytes, c_bytes: bytes, n: int, m: int, first_s: float, rungs: int
+) -> Ladder:
+    a, b = np.frombuffer(a_bytes).reshape(n, n), np.frombuffer(b_bytes).reshape(n, m)
+    c = np.frombuffer(c_bytes).reshape(-1, n + m)[:, :n]
+    to_apart, from_apart = _decoupled(a, first_s * 2.0 ** (rungs - 1))
     block = np.zeros((n + m, n + m))
-    block[:n, :n], block[:n, n:] = analog.a * first_s, analog.b * first_s
+    block[:n, :n], block[:n, n:] = a * first_s, b * first_s
     change = np.zeros((rungs, n + m, n + m))
     turn, travelled = np.zeros((rungs, n, n)), np.zeros((rungs, n, n))
     apart = np.zeros((rungs, len(c), n))
     with np.errstate(over="ignore", invalid="ignore"):
         change[0] = exponential_minus_one(block)
-        travelled[0] = travel(analog.a, np.array([first_s]))[0] @ from_apart
-        apart[0] = _shortly_apart(analog.a, c, from_apart, first_s)
+        travelled[0] = travel(a, np.array([first_s]))[0] @ from_apart
+        apart[0] = _shortly_apart(a, c, from_apart, first_s)
         for k in range(rungs):
             f = change[k, :n, :n]
             turn[k] = np.eye(n) + to_apart @ f @ from_apart
@@ -87,7 +94,7 @@ def ladder_of(analog: Analog, first_s: float, rungs: int) -> Ladder:
             within = np.maximum(within, apart[k - 1] @ np.abs(turn[k - 1]))
             shares = np.ldexp(1.0, np.arange(k) - k)[:, None, None]
             apart[k] = within + np.max(np.abs(moved[:k] - shares * moved[k]), axis=0)
-    rate = to_apart @ np.hstack([analog.a, analog.b])
+    rate = to_apart @ np.hstack([a, b])
     return Ladder(
         first_s, np.ascontiguousarray(change[:, :n]), apart, rate, from_apart, turn, travelled
     )
