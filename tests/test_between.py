@@ -12,7 +12,13 @@ from scipy.linalg import expm
 
 import hybrid
 from hybrid.engine import exact
-from hybrid.engine.ladder import chord_bounds, ladder_of, rungs_for, shortest_s
+from hybrid.engine.ladder import (
+    bounds_of_changes,
+    bounds_of_rates,
+    ladder_of,
+    rungs_for,
+    shortest_s,
+)
 
 SWING = """
 title: Swing
@@ -197,7 +203,10 @@ def test_no_signal_leaves_its_chord_by_more_than_the_bounds(seed, lags, share):
     whole_s = share * 1.5
     analog = SimpleNamespace(a=a, b=b, c=c)
     ladder = ladder_of(analog, shortest_s(analog, whole_s), rungs_for(analog, whole_s))
-    of_rates, of_changes = (bound[0] for bound in chord_bounds(analog, ladder, np.array([whole_s])))
+    of_rates, of_changes = (
+        bounds(analog, ladder, np.array([whole_s]))[0]
+        for bounds in (bounds_of_rates, bounds_of_changes)
+    )
     block = np.vstack([np.hstack([a, b]), np.zeros((m, n + m))])
     z = draw.normal(size=n + m)
     times_s = np.concatenate(

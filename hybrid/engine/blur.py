@@ -32,7 +32,6 @@ from hybrid.engine.circuit import (
     C0,
     C1,
     C2,
-    CONSTANT,
     CORNER,
     END,
     FIRST,
@@ -42,8 +41,6 @@ from hybrid.engine.circuit import (
     LOW,
     OF_ANGLE,
     OF_INTEGRATOR,
-    SECOND,
-    SECOND_CONSTANT,
     STOP,
     TAIL_LAGS,
     Circuit,
@@ -174,23 +171,6 @@ def near(
     low, high = circuit.pieces[p, LOW] + REACH * s, circuit.pieces[p, HIGH] - REACH * s
     inside = low < starts[corner] < high and low < other < high
     return not (inside and between(guard, corner, low, high))
-
-
-@compiled
-def near_the_cut(circuit: Circuit, e: int, start: Floats, nodes: Floats, s: float) -> bool:
-    """The same of the cut of an angle, from x < 0 to the origin, at either end of the window."""
-    rows, figures = circuit.rows, circuit.figures
-    y0 = y1 = figures[e, CONSTANT]
-    x0 = x1 = figures[e, SECOND_CONSTANT]
-    for t in range(rows[e, FIRST], rows[e, END]):
-        i, gain = circuit.signal[t], circuit.gain[t]
-        before, after = gain * start[i], gain * nodes[i, nodes.shape[1] - 1]
-        if t < rows[e, SECOND]:
-            y0, y1 = y0 + before, y1 + after
-        else:
-            x0, x1 = x0 + before, x1 + after
-    reach = REACH * s
-    return bool((abs(y0) < reach and x0 < reach) or (abs(y1) < reach and x1 < reach))
 
 
 @compiled

@@ -51,9 +51,7 @@ from hybrid.engine.circuit import (
     KIND,
     LAG,
     LOW,
-    OF_ANGLE,
     OWNER,
-    ROLE,
     SECOND,
     SECOND_CONSTANT,
     STOP,
@@ -140,7 +138,7 @@ def noise_at_guards(
     """
     lags = chain.driven.shape[0]
     made = np.zeros((chain.elements.shape[0], lags))  # each signal, of the noisy lags
-    guards = np.zeros((circuit.corners.shape[0], 2, lags))
+    guards = np.zeros((circuit.corners.shape[0], lags))
     a = np.zeros((lags, lags))
     for c in range(chain.elements.shape[0]):
         lag = chain.lag[chain.elements[c]]
@@ -162,12 +160,11 @@ def noise_at_guards(
     for corner in range(circuit.corners.shape[0]):
         variance, area = 0.0, 0.0
         if chain.blurs[corner] > 0:
-            for one in range(2):
-                for j in range(lags):
-                    for k in range(lags):
-                        both = guards[corner, one, j] * guards[corner, one, k]
-                        variance += both * p[j, k]
-                        area -= both * memory[j, k]
+            for j in range(lags):
+                for k in range(lags):
+                    both = guards[corner, j] * guards[corner, k]
+                    variance += both * p[j, k]
+                    area -= both * memory[j, k]
         out[corner] = math.sqrt(variance) if variance > 0.0 else 0.0
         if variance > 0.0 and area > 0.0:
             blur.rate[corner] = variance / area
@@ -202,9 +199,7 @@ def _of_lags(
         else:
             y += gain * at[i]
     if corner >= 0:
-        guards[corner, 0] = first
-        if circuit.corners[corner, ROLE] == OF_ANGLE:
-            guards[corner, 1] = second
+        guards[corner] = first
     by_x, by_y = _slopes(kind, x, y, figures[e, EXPONENT])
     if kind == PIECES:
         by_x = _slope_of(circuit, state, blur, corner, x, bound)
@@ -221,7 +216,7 @@ def _of_lags(
     for k in range(first.shape[0]):
         first[k] = factor * (by_x * first[k] + by_y * second[k])
     if stop >= 0:
-        guards[stop, 0] = first
+        guards[stop] = first
         slope = _slope_of(circuit, state, blur, stop, state.guard_start[stop], bound)
         for k in range(first.shape[0]):
             first[k] *= slope

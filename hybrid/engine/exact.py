@@ -44,9 +44,10 @@ class ExactPlayer(Player):
         return tuple(sorted(at_instants.values(), key=lambda o: (o.time_s, o.signal)))
 
     def _play_to(self, score: Score, normals: Floats, stop_repeat: int, stop_cue: int) -> int:
-        state, before = self.state, _copied(self.state)
+        state = self.state
         self.lookout.expect(tuple(map(to_seconds, self._numbers)))
         if not self.near_full_scale:
+            before = _copied(state)
             state.most[:] = 0.0
             outcome = super()._play_to(score, normals, stop_repeat, stop_cue)
             if self.lookout.is_clear(self.plant, state):
@@ -67,20 +68,8 @@ class ExactPlayer(Player):
             play_limited: looking.play_limited,
         }[self._compiled]
         _tell_of_compiling(play)
-        outcome: int = play(
-            score,
-            self.plant,
-            self.coupling,
-            self.deck,
-            self.pens,
-            self.state,
-            normals,
-            self.rows,
-            self.keep_every,
-            stop_repeat,
-            stop_cue,
-            *self.lookout.begin(),
-        )
+        given = self._given(score, normals, stop_repeat, stop_cue)
+        outcome: int = play(*given, *self.lookout.begin())
         # An interval ends at an instant, and begins at the one before.
         self.lookout.end(lambda repeat, instant: self._instant_s(repeat, instant - 1))
         if outcome == kernel.OVERLOADED:

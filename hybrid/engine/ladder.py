@@ -100,13 +100,19 @@ def _built(
     )
 
 
-def chord_bounds(analog: Analog, ladder: Ladder, intervals_s: Floats) -> tuple[Floats, Floats]:
-    """Bounds as `Ladder.apart` for whole intervals, of |rho| and of |x(h) - x(0)|: (intervals, k, n)."""
+def bounds_of_rates(analog: Analog, ladder: Ladder, intervals_s: Floats) -> Floats:
+    """Bounds as `Ladder.apart`, of |rho|, for whole intervals: (intervals, k, n)."""
     with np.errstate(over="ignore", invalid="ignore"):
         whole = travel(analog.a, intervals_s) @ ladder.back
         unit = np.broadcast_to(np.eye(len(analog.a)), whole.shape)
-        of_rates = _bounds(analog, ladder, intervals_s, whole, unit)
-        return of_rates, _bounds(analog, ladder, intervals_s, whole, _inverse(whole))
+        return _bounds(analog, ladder, intervals_s, whole, unit)
+
+
+def bounds_of_changes(analog: Analog, ladder: Ladder, intervals_s: Floats) -> Floats:
+    """The same of |x(h) - x(0)|, by which rho is known."""
+    with np.errstate(over="ignore", invalid="ignore"):
+        whole = travel(analog.a, intervals_s) @ ladder.back
+        return _bounds(analog, ladder, intervals_s, whole, _inverse(whole))
 
 
 def _bounds(
@@ -123,6 +129,8 @@ def _bounds(
     within, off = np.zeros((len(of), *c.shape)), np.zeros((len(of), *c.shape))
     for k in reversed(range(len(ladder.apart))):
         has = steps & (1 << k) != 0
+        if not has.any():
+            continue
         within[has] = np.maximum(within[has], ladder.apart[k] @ np.abs(turned[has]))
         far[has] += ladder.travelled[k] @ turned[has]
         turned[has] = ladder.turn[k] @ turned[has]

@@ -9,6 +9,7 @@ from __future__ import annotations
 import functools
 from collections.abc import Callable, Iterator
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 
@@ -132,7 +133,14 @@ class Player:
 
     def _play_to(self, score: Score, normals: Floats, stop_repeat: int, stop_cue: int) -> int:
         """Play on in the segment; why it ended."""
-        outcome: int = self._compiled(
+        outcome: int = self._compiled(*self._given(score, normals, stop_repeat, stop_cue))
+        return outcome
+
+    def _given(
+        self, score: Score, normals: Floats, stop_repeat: int, stop_cue: int
+    ) -> tuple[Any, ...]:
+        """What `kernel.play` takes, and first whatever plays in its place."""
+        return (
             score,
             self.plant,
             self.coupling,
@@ -145,7 +153,6 @@ class Player:
             stop_repeat,
             stop_cue,
         )
-        return outcome
 
     @property
     def held_s(self) -> float | None:

@@ -23,7 +23,14 @@ from hybrid.engine.beyond import (
     WORST_S,
     WORST_VALUE,
 )
-from hybrid.engine.ladder import MOST_RUNGS, chord_bounds, ladder_of, rungs_for, shortest_s
+from hybrid.engine.ladder import (
+    MOST_RUNGS,
+    bounds_of_changes,
+    bounds_of_rates,
+    ladder_of,
+    rungs_for,
+    shortest_s,
+)
 from hybrid.engine.propagator import Propagator, propagators
 from hybrid.machine import Analog
 
@@ -41,19 +48,20 @@ class Lookout:
         self.analog = analog
         self.seen = np.zeros((len(analog.signals), 6))  # as `sweep.State.overload`
         self.intervals_s: tuple[float, ...] = ()
+        self.rungs: Rungs | None = None  # for these intervals, where one has been looked at
 
     def expect(self, intervals_s: tuple[float, ...]) -> None:
         """Get ready for these intervals between instants, in the order of their numbers."""
         if intervals_s == self.intervals_s:
             return
         self.intervals_s = intervals_s
-        lengths_s, longest_s = np.array(intervals_s), max(intervals_s)
-        self.ladder = None
+        longest_s = max(intervals_s)
+        self.ladder, self.rungs = None, None
         rungs = rungs_for(self.analog, longest_s)
         if rungs > MOST_RUNGS:
             return
         self.ladder = ladder_of(self.analog, shortest_s(self.analog, longest_s), rungs)
-        self.of_rates, of_changes = chord_bounds(self.analog, self.ladder, lengths_s)
+        of_changes = bounds_of_changes(self.analog, self.ladder, np.array(intervals_s))
         self.spread = np.zeros(len(self.analog.a))
         for p in self._propagators():
             self.spread = np.maximum(self.spread, np.sqrt(np.sum(p.spread**2, axis=1)))
@@ -76,7 +84,9 @@ class Lookout:
         from hybrid.engine.between import desk_for
 
         self.at = np.full((len(self.seen), 4), -1)
-        return self._rungs(), desk_for(self.analog), self.seen, self.at
+        if self.rungs is None:
+            self.rungs = self._rungs()
+        return self.rungs, desk_for(self.analog), self.seen, self.at
 
     def end(self, began_s: Callable[[int, int], float]) -> None:
         """What has been seen since is told by the run's time; began_s: of an interval, by its end."""
@@ -98,7 +108,7 @@ class Lookout:
     def _rungs(self) -> Rungs:
         from hybrid.engine.between import Rungs
 
-        analog, ladder = self.analog, self.ladder
+        analog, ladder, lengths_s = self.analog, self.ladder, np.array(self.intervals_s)
         assert ladder is not None
         return Rungs(
             np.ascontiguousarray(analog.a),
@@ -108,7 +118,7 @@ class Lookout:
             ladder.shortest_s,
             ladder.change,
             ladder.apart,
-            np.array(self.intervals_s),
+            lengths_s,
             np.array([p.change for p in self._propagators()]),
-            self.of_rates,
+            bounds_of_rates(analog, ladder, lengths_s),
         )

@@ -23,16 +23,13 @@ import numpy.typing as npt
 
 from hybrid.elements import INTEGRATE, TRACK
 from hybrid.engine.arrays import Floats, Ints, lined_up
-from hybrid.engine.blur import Blur, near, near_the_cut, new_blur, share_left, spread_out
+from hybrid.engine.blur import Blur, near, new_blur, share_left, spread_out
 from hybrid.engine.circuit import (
     CONTROL,
     CORNER,
     KIND,
     LAG,
-    OF_ANGLE,
-    OWNER,
     RATE,
-    ROLE,
     SOURCE,
     Circuit,
 )
@@ -220,9 +217,7 @@ def _reach_over(circuit: Circuit, smooth: State, noise: Noise) -> None:
 
 @compiled
 def _near(circuit: Circuit, smooth: State, truth: State, corner: int, s: float) -> bool:
-    if circuit.corners[corner, ROLE] == OF_ANGLE:
-        e = circuit.corners[corner, OWNER]
-        return bool(near_the_cut(circuit, e, smooth.start, smooth.nodes, s))
+    """Whether noise of deviation s reaches over a bound of the piece that a corner is on."""
     held, piece = truth.guard_start[corner], smooth.piece[corner]
     return bool(near(circuit, corner, piece, smooth.guard_start, smooth.guard, held, s))
 

@@ -89,12 +89,10 @@ def over_corners(
         name, _, _ = names[e].partition(":")
         rms, rest = blur.deviation[corner], left_out(circuit, corner, float(blur.deviation[corner]))
         over = f"the {'saturation' if role == OF_OUTPUT else 'corners'} of {name}"
-        told = "its mean and gain in that noise stand for it"
-        if role == OF_ANGLE:
-            over, told = f"the cut of {name}", "a smooth angle stands for it"
         found.append(
             f"noise of rms {rms:.2g} reached over {over} for {share:.0%} of the run: between instants "
-            f"{told}, without the rest, of rms {rest:.2g} of full scale"
+            "its mean and gain in that noise stand for it, without the rest, of rms "
+            f"{rest:.2g} of full scale"
         )
     return tuple(found)
 
@@ -105,8 +103,6 @@ def left_out(circuit: Circuit, corner: int, s: float) -> float:
     At the corner where that is most; E f^2 - (E f)^2 - (E f n)^2, by sums over a normal distribution.
     """
     e, role, first, end, _ = circuit.corners[corner].tolist()
-    if role == OF_ANGLE:  # which may be anything: even between -pi and pi
-        return float(abs(circuit.figures[e, GAIN]) * np.pi / np.sqrt(3.0))
     pieces, n = circuit.pieces[first:end], np.linspace(-5.0, 5.0, 401)
     weights, most = np.exp(-0.5 * n * n) / np.sum(np.exp(-0.5 * n * n)), 0.0
     for bound in pieces[1:, LOW]:

@@ -223,22 +223,8 @@ class CircuitPlayer(Player):
 
     def _play_to(self, score: Score, normals: Floats, stop_repeat: int, stop_cue: int) -> int:
         play = play_limited_circuit if len(self.deck.length_of) else play_circuit
-        outcome: int = play(
-            score,
-            self.plant,
-            self.coupling,
-            self.deck,
-            self.pens,
-            self.state,
-            normals,
-            self.rows,
-            self.keep_every,
-            stop_repeat,
-            stop_cue,
-            self.side,
-            self.noise,
-            self.clock,
-        )
+        given = self._given(score, normals, stop_repeat, stop_cue)
+        outcome: int = play(*given, self.side, self.noise, self.clock)
         return outcome
 
 
