@@ -90,10 +90,10 @@ def _computes_anew(machine: Machine) -> bool:
 
 def _say_of_circuits(machine: Machine, limited: bool) -> None:
     from hybrid.engine import kernel
-    from hybrid.engine.interplay import play_circuit, play_limited_circuit
+    from hybrid.engine.interplay import play_circuits, play_limited_circuit
 
     noisy = any(element.noise > 0.0 for _, element in machine.elements)
-    play = play_limited_circuit if limited else play_circuit
+    play = play_limited_circuit if limited else play_circuits
     if kernel.is_compiled(play, "Noise(" if noisy else "none"):
         return
     kept, of_all = functions_kept()

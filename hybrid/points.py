@@ -19,6 +19,7 @@ from typing import Any
 
 import numpy as np
 
+from hybrid.alike import run_each
 from hybrid.arguments import whole_number
 from hybrid.compiler import compile_patch
 from hybrid.crew import (
@@ -41,7 +42,7 @@ from hybrid.machine import Machine
 from hybrid.patch import Patch, Readout
 from hybrid.prediction import Prediction, predict_each
 from hybrid.record import changed_names, patch_hash, signal_units, versions_text
-from hybrid.runs import run
+from hybrid.runs import Run
 from hybrid.streams import stream
 from hybrid.together import attempt, passed_on
 
@@ -128,8 +129,21 @@ class Task:
         """The same, and for how many seconds the engine played each."""
         machines = [attempt(self._compiled, order) for order in orders]
         predictions = passed_on(machines, self._predicted)
+        ready = list[tuple[Order, Machine, Prediction | HybridError | None]]()
         for order, machine, prediction in zip(orders, machines, predictions, strict=True):
-            yield _played(order, machine, prediction, progress)
+            if isinstance(machine, HybridError):
+                yield _failed(order, order.seed, machine), 0.0
+            elif isinstance(prediction, HybridError) and not isinstance(prediction, RunError):
+                yield _failed(order, order.seed, prediction), 0.0
+            else:
+                ready.append((order, machine, prediction))
+        seeds = [order.seed for order, _, _ in ready]
+        for number, result in run_each([machine for _, machine, _ in ready], seeds, progress):
+            order, _, prediction = ready[number]
+            if isinstance(result, HybridError):
+                yield _failed(order, seeds[number], result), 0.0
+            else:
+                yield _point(order, result, prediction), result.played_s
 
     def _compiled(self, order: Order) -> Machine:
         return compile_patch(self.patch, order.parameters, self.machine, order.serial)
@@ -138,33 +152,20 @@ class Task:
         return predict_each(machines) if self.predicts else [None] * len(machines)
 
 
-def _played(
-    order: Order,
-    machine: Machine | HybridError,
-    prediction: Prediction | HybridError | None,
-    progress: Callable[[float], None] | None,
-) -> tuple[Point, float]:
-    """Run and read out one machine, if it is one; the point, and for how long the engine played."""
-    modes: tuple[dict[str, Any], ...] = ()
-    note, seed = "", order.seed
-    try:
-        if isinstance(machine, HybridError):
-            raise machine
-        if isinstance(prediction, RunError):
-            note = f"no prediction: {brief(prediction)}"
-        elif isinstance(prediction, HybridError):
-            raise prediction
-        elif prediction:
-            modes = tuple(prediction.to_dicts())
-        result = run(machine, seed=seed, readouts_only=True, progress=progress)
-    except HybridError as error:
-        return Point(order.index, {}, (), "failed", str(error), 0, seed), 0.0
-    if result.status == "interrupted":  # half a run says nothing; all ends here
-        raise KeyboardInterrupt
-    notes = "; ".join(n for n in (note, result.status_note) if n)
-    overloads = len(result.overloads)
-    point = Point(order.index, result.readouts, modes, result.status, notes, overloads, seed)
-    return point, result.played_s
+def _failed(order: Order, seed: int, error: HybridError) -> Point:
+    """A run that could not be made."""
+    return Point(order.index, {}, (), "failed", str(error), 0, seed)
+
+
+def _point(order: Order, result: Run, prediction: Prediction | HybridError | None) -> Point:
+    """A run that was made."""
+    modes, notes = tuple[dict[str, Any], ...](), [result.status_note]
+    if isinstance(prediction, HybridError):
+        notes.insert(0, f"no prediction: {brief(prediction)}")
+    elif prediction:
+        modes = tuple(prediction.to_dicts())
+    note, overloads = "; ".join(filter(None, notes)), len(result.overloads)
+    return Point(order.index, result.readouts, modes, result.status, note, overloads, result.seed)
 
 
 def check_names(patch: Patch, names: Iterable[str], taken: Collection[str], doing: str) -> None:

@@ -5,7 +5,6 @@ Stage 5. An interrupted or stopped run keeps what was computed and says so.
 
 from __future__ import annotations
 
-import bisect
 import json
 import math
 import time
@@ -14,11 +13,8 @@ from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import TYPE_CHECKING, Any
 
-import numpy as np
-
 from hybrid.arguments import Parameters, Source, machine_of, whole_number
 from hybrid.beginnings import first_results, initial_words
-from hybrid.coupling import modes
 from hybrid.endings import ending, one_row_text, operations_done
 from hybrid.engine.beyond import DAC_SUFFIX, Overload
 from hybrid.engine.linear import Player
@@ -27,15 +23,12 @@ from hybrid.engines import check_engine, engine_of, player_of, wants_circuit
 from hybrid.errors import PatchError, counted, known_as
 from hybrid.growth import growth_text
 from hybrid.indicators import overloads_of
-from hybrid.linearity import NotLinear
-from hybrid.machine import AT_SATURATION, Floats, Machine, Pen
+from hybrid.machine import Floats, Machine, Pen
 from hybrid.naming import asked_text
-from hybrid.patch import Readout
-from hybrid.readout import FEWEST_ROWS_PER_CYCLE, READOUTS, figures, measure_transient
+from hybrid.read_out import read_out
 from hybrid.record import full_scales, pens_for, record_parts, signal_units
-from hybrid.ripple import with_ripple
 from hybrid.roundoff import roundoff_text
-from hybrid.scale import row_times_s, to_seconds, to_ticks
+from hybrid.scale import row_times_s, to_seconds
 from hybrid.storage import Parts
 from hybrid.timeline import Timeline, build_timeline
 from hybrid.workload import TaskRow, ended_cycles, task_rows, to_dicts
@@ -228,31 +221,39 @@ def run(
     player = player_of(compiled, engine)(compiled, timeline, pens, seed, keep_every)
     player.state.words[:] = initial_words(compiled)
     began_s = time.perf_counter()
-    status, note = _play(player, progress, keep_every)
-    played_s = time.perf_counter() - began_s
+    interrupted = _play(player, progress)
+    return finished(player, pens, played_by, time.perf_counter() - began_s, interrupted)
+
+
+def finished(
+    player: Player, pens: tuple[Pen, ...], engine: str, played_s: float, interrupted: str = ""
+) -> Run:
+    """What a player has played, read out; `interrupted`: what is to be said of a run that was."""
+    compiled = player.machine
+    status, note = ("interrupted", interrupted) if interrupted else ending(player)
     if status == "complete":
         found = (growth_text(pens, player.record), roundoff_text(compiled))
         note = "; ".join(filter(None, (note, one_row_text(player), *found)))
     result = Run(
         compiled,
-        seed,
-        timeline,
+        player.seed,
+        player.timeline,
         player.done_ticks,
         status,
         note,
-        keep_every,
+        player.keep_every,
         pens,
         player.record,
         _overloads(compiled, overloads_of(player)),
         operations_done(player),
-        engine=played_by,
+        engine=engine,
         engine_error=player.engine_error,
         coarse_by=player.coarse_by,
         outside=tuple(found.facts() for found in outside(player)),
         played_s=played_s,
     )
     try:
-        result.readouts.update(_read_out(result))
+        result.readouts.update(read_out(result))
     except KeyboardInterrupt:
         note = (
             "interrupted while the readouts were measured; the record goes on to where the run did"
@@ -296,18 +297,19 @@ def check_windows(machine: Machine) -> None:
                 )
 
 
-def _play(player: Player, progress: Progress | None, keep_every: int) -> tuple[str, str]:
+def _play(player: Player, progress: Progress | None) -> str:
+    """Play to the end; what is to be said where that was interrupted, else ''."""
     try:
         for done in player.play():
             if progress:
                 progress(done)
     except KeyboardInterrupt:
-        last = (len(player.record) - 1) * player.machine.timing.every * keep_every
+        last = (len(player.record) - 1) * player.machine.timing.every * player.keep_every
         ends = "there" if last == player.done_ticks else f"with its row at {to_seconds(last):.6g} s"
         found = f"the record ends {ends}" if last >= 0 else "before the first row of the record"
         note = f"interrupted at {player.done_s:.6g} s; {found}"
-        return "interrupted", "; ".join((note, *player.remarks()))
-    return ending(player)
+        return "; ".join((note, *player.remarks()))
+    return ""
 
 
 def _ordinal(number: int) -> str:
@@ -339,111 +341,3 @@ def _overloads(machine: Machine, found: tuple[Overload, ...]) -> tuple[dict[str,
             }
         )
     return tuple(entries)
-
-
-def _read_out(result: Run) -> dict[str, dict[str, Any]]:
-    scope, units = result.machine.parameters, signal_units(result.machine)
-    columns = {pen.name: i for i, pen in enumerate(result.pens)}
-    interval_s = to_seconds(result.row_ticks)
-    found: dict[str, dict[str, Any]] = {}
-    for readout in result.machine.patch.readouts:
-        first, last = _window(readout, scope, result)
-        values = np.ascontiguousarray(result.rows[first:last, columns[readout.signal]])
-        is_transient = readout.kind == "transient"
-        sparse = _too_sparse(result.machine, interval_s) if is_transient else ""
-        late = _too_late(readout, result)
-        notes = [_overload_note(readout, result, last)]
-        try:
-            if late or sparse:
-                raise ValueError(late or sparse)
-            if is_transient:
-                measured = measure_transient(values, interval_s)
-                measured, note = with_ripple(measured, values, result.row_ticks, result.machine)
-                quantities = figures(measured)
-                notes.append(note)
-            else:
-                quantities = READOUTS[readout.kind](result.time_s[first:last], values)
-        except ValueError as reason:
-            none = ("omega", "omega_damped", "zeta") if is_transient else ()
-            quantities = dict.fromkeys(none)
-            quantities["reason"] = str(reason)
-        about = {"kind": readout.kind, "signal": readout.signal}
-        about |= {"units": units[readout.signal][0], "note": "; ".join(filter(None, notes))}
-        found[readout.name] = {**quantities, **about}
-    return found
-
-
-def _too_late(readout: Readout, result: Run) -> str:
-    """Why a readout that begins after the record's end has no rows; '' where it has."""
-    start_s = readout.start.number(result.machine.parameters) if readout.start else 0.0
-    last_s = result.row_s(max(len(result.rows) - 1, 0))
-    if result.first_s(readout.signal) > last_s:
-        return f"{readout.signal} has no result before the end of the record at {last_s:g} s"
-    if not readout.start or start_s <= last_s:
-        return ""
-    place = f"{readout.start.place}: " if str(readout.start.place) else ""
-    return (
-        f"{place}{readout.start.what} is {start_s:g} s, after the end of the record at {last_s:g} s"
-    )
-
-
-def _too_sparse(machine: Machine, interval_s: float) -> str:
-    """Why rows so far apart cannot show the patch's fastest mode; '' where they can.
-
-    A record alone cannot tell an oscillation from its alias. Rows at every cycle always can: the
-    program itself sees no more.
-    """
-    if machine.timing.period and interval_s <= machine.cycle_s:
-        return ""
-    try:
-        fastest = max((m.omega_damped for m in modes(machine) if m.omega_ideal > 0), default=0.0)
-    except NotLinear:
-        return ""
-    if fastest * interval_s * FEWEST_ROWS_PER_CYCLE <= 2.0 * np.pi:
-        return ""
-    return (
-        f"a row every {interval_s:g} s is too sparse for the predicted mode of {fastest:.6g} rad/s: "
-        "shorten every: or raise max_rows: in run:"
-    )
-
-
-def _window(readout: Readout, scope: Mapping[str, float], result: Run) -> tuple[int, int]:
-    """First row and row after the last that a readout uses; of a word, from its first result on.
-
-    A transient is read up to the first overload on a machine that clips: after that the loop is no
-    longer the one that was patched.
-    """
-    # Through ticks, as the rows' times are, so that 3 * 0.1 s names the row at 0.3 s.
-    start_s = to_seconds(to_ticks(readout.start.number(scope))) if readout.start else 0.0
-    end_s = to_seconds(to_ticks(readout.end.number(scope))) if readout.end else np.inf
-    start_s = max(start_s, result.first_s(readout.signal))
-    rows = range(len(result.rows))
-    first = bisect.bisect_left(rows, start_s, key=result.row_s) if start_s > 0.0 else 0
-    last = bisect.bisect_right(rows, end_s, key=result.row_s) if end_s < np.inf else len(rows)
-    clipped = _first_clip(readout, result)
-    if clipped is not None:
-        last = min(last, bisect.bisect_left(rows, clipped["time_s"], key=result.row_s))
-    return first, max(last, first)
-
-
-def _first_clip(readout: Readout, result: Run) -> dict[str, Any] | None:
-    """The first overload, for a transient, of what clips: a converter, or an analog signal that came to
-    its saturation; one below goes on as it was patched."""
-    if readout.kind != "transient" or not result.overloads:
-        return None
-    machine = result.machine
-    clips = {s.name for s in machine.samplers if s.clips}
-    clips |= {h.name + DAC_SUFFIX for h in machine.holders if h.clips}
-    for o in result.overloads:
-        stage = machine.stages.get(o["signal"])
-        level = AT_SATURATION * stage.saturation if stage else math.inf
-        if o["signal"] in clips or abs(o["worst_value"]) >= level * o["full_scale"]:
-            return o
-    return None
-
-
-def _overload_note(readout: Readout, result: Run, last: int) -> str:
-    first = _first_clip(readout, result) if last < len(result.rows) else None
-    if first is None:
-        return ""
-    return f"read up to the overload of {first['signal']} at {first['time_s']:.6g} s"

@@ -7,7 +7,7 @@ from hybrid import compilation
 from hybrid.arguments import machine_of
 from hybrid.engine import kernel
 
-FUNCTIONS = ["nodes.law_weights", "relaxation.advance", "interplay.play_circuit"]
+FUNCTIONS = ["nodes.law_weights", "relaxation.advance", "interplay.play_circuits"]
 
 
 @pytest.fixture

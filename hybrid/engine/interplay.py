@@ -15,8 +15,9 @@ from hybrid.engine.circuit import Circuit
 from hybrid.engine.compiling import allocating, compiled, inlined
 from hybrid.engine.corners import Log, settle
 from hybrid.engine.limited import compute
+from hybrid.engine.lines import RUN, UNDER_WAY, Lines
 from hybrid.engine.nodes import RESOLUTION, Nodes, Shelf
-from hybrid.engine.noise import Noise, jump
+from hybrid.engine.noise import Noise, jump, take
 from hybrid.engine.programs import compute_rest
 from hybrid.engine.relaxation import (
     CHATTER,
@@ -186,9 +187,65 @@ def take_turns(
 
 
 @allocating
-def play_circuit(*given: Any) -> int:
-    """`take_turns`, which counts no references to arrays, from Python."""
-    return int(take_turns(*given))
+def play_circuits(
+    score: Score,
+    plant: Plant,
+    coupling: Coupling,
+    deck: Deck,
+    pens: Pens,
+    state: State,
+    normals: Floats,
+    records: Floats,
+    keep_every: int,
+    stop_repeat: int,
+    stop_cue: int,
+    side: Side,
+    noise: Noise | None,
+    clock: Clock,
+    runs: Lines,
+) -> int:
+    """`take_turns`, run after run, each from where its line has it up to (stop_repeat, stop_cue).
+
+    records: (runs, rows, pens). Returns DONE when every run has come there or has ended before, as
+    `runs.outcomes` says, or PAUSED for a look at Ctrl-C.
+    """
+    spent, most = 0, CHUNK_ELEMENTS // side.place.shape[0]
+    for run in range(runs.now[RUN], runs.lines.shape[0]):
+        if runs.outcomes[run] != kernel.PAUSED:
+            continue
+        if spent > most:
+            runs.now[RUN] = run
+            return kernel.PAUSED
+        if runs.now[UNDER_WAY] == 0:
+            take(runs.line, runs.lines[run])
+            runs.now[UNDER_WAY] = 1
+        before = side.state.counts[WINDOWS]
+        outcome = take_turns(
+            score,
+            plant,
+            coupling,
+            deck,
+            pens,
+            state,
+            normals,
+            records[run],
+            keep_every,
+            stop_repeat,
+            stop_cue,
+            side,
+            noise,
+            clock,
+        )
+        spent += 1 + side.state.counts[WINDOWS] - before
+        repeat, cue = state.counts[kernel.REPEAT], state.counts[kernel.CUE]
+        there = repeat > stop_repeat or (repeat == stop_repeat and cue >= stop_cue)
+        if outcome == kernel.PAUSED and not there:
+            runs.now[RUN] = run
+            return kernel.PAUSED
+        take(runs.lines[run], runs.line)
+        runs.outcomes[run], runs.now[UNDER_WAY] = outcome, 0
+    runs.now[RUN] = 0
+    return kernel.DONE
 
 
 @allocating
@@ -208,10 +265,16 @@ def play_limited_circuit(*given: Any) -> int:
 
 
 @allocating
-def begin(side: Side, noise: Noise | None, plant: Plant, state: State, held: Floats) -> None:
-    """Let loops come to rest with these figures at the inputs, and every signal follow, at t = 0."""
-    settle_loops(side, held)
-    follow(side, noise, plant, state, 0.0, 0.0)
+def begin(side: Side, noise: Noise | None, plant: Plant, state: State, runs: Lines) -> None:
+    """Let loops of every run come to rest with what its inputs hold; every signal follows, at t = 0."""
+    inputs_at = plant.kept.shape[0]
+    for run in range(runs.lines.shape[0]):
+        take(runs.line, runs.lines[run])
+        for i in range(side.held.shape[0]):
+            side.state.held[i] = state.v[inputs_at + side.held[i]]
+        settle_loops(side, side.state.held)
+        follow(side, noise, plant, state, 0.0, 0.0)
+        take(runs.lines[run], runs.line)
 
 
 @allocating

@@ -40,8 +40,12 @@ from hybrid.timeline import Segment, Timeline, most_intervals
 # Small enough to answer Ctrl-C at once and to keep the normal draws in the cache.
 CHUNK_CUES = 1_000_000
 CHUNK_DRAWS = 1 << 17
+# Where the rows stand in what `kernel.play` takes.
+ROWS = 7
 NO_DRAWS = np.zeros(0)
 NO_COUNTS = np.zeros(1, dtype=np.int64)
+# By row of the kernel's notes: first time, value then, worst value, its time, instants.
+Overloads = dict[int, tuple[float, float, float, float, int]]
 
 
 def player_of(deck: Deck) -> Callable[..., int]:
@@ -89,13 +93,13 @@ class Player:
         self.outcome = kernel.PAUSED
         self._draws = [draws_before(score.cues, self.plant.draws) for score in self.scores]
         # Where earlier segments' overloads began, as the kernel's counts start anew in each.
-        self._overload_s: dict[int, tuple[float, float, float, float, int]] = {}
+        self.overload_s: Overloads = {}
         for row, value in enumerate(self.state.v[self.plant.signal].tolist()):
             if abs(value) > FULL_SCALE:
-                self._overload_s[row] = (0.0, value, value, 0.0, 1)
+                self.overload_s[row] = (0.0, value, value, 0.0, 1)
                 self.state.overload[row, kernel.LAST] = 1
         if machine.on_overload != CONTINUE:
-            self.state.counts[kernel.STOPS] = kernel.AT_ONCE if self._overload_s else kernel.NEXT
+            self.state.counts[kernel.STOPS] = kernel.AT_ONCE if self.overload_s else kernel.NEXT
 
     def play(self) -> Iterator[float]:
         """Play to the end in chunks; yields the fraction of the run that is done."""
@@ -112,7 +116,11 @@ class Player:
         self.state.counts[kernel.DRAWS] = 0
         needed = self._draws_needed(segment, most_cues)
         normals = self._normals.standard_normal(needed) if needed else NO_DRAWS
-        outcome = self._play_to(score, normals, *self._position(most_cues))
+        self.come_to(self._play_to(score, normals, *self._position(most_cues)))
+
+    def come_to(self, outcome: int) -> None:
+        """The kernel came back with this; at the end of a segment the next one is due."""
+        segment = self.segments[self.segment]
         if outcome == kernel.PAUSED and self.state.counts[kernel.REPEAT] == segment.repeats:
             self._next_segment(segment)
             outcome = kernel.DONE if self.segment == len(self.scores) else kernel.PAUSED
@@ -223,7 +231,7 @@ class Player:
             *(h.name + DAC_SUFFIX for h in self.machine.holders),
             *self.machine.tape.words,
         ]
-        found = [Overload(names[row], *facts) for row, facts in self._overload_s.items()]
+        found = [Overload(names[row], *facts) for row, facts in self.overload_s.items()]
         return tuple(sorted(found, key=lambda o: (o.time_s, o.signal)))
 
     def _chunk(self) -> int:
@@ -351,12 +359,12 @@ class Player:
             first = self._instant_s(note[kernel.FIRST_REPEAT], note[kernel.FIRST_INSTANT])
             worst_s = self._instant_s(note[kernel.WORST_REPEAT], note[kernel.WORST_INSTANT])
             instants = note[kernel.TIMES]
-            if row in self._overload_s:
-                first, value, old_worst, old_s, old_instants = self._overload_s[row]
+            if row in self.overload_s:
+                first, value, old_worst, old_s, old_instants = self.overload_s[row]
                 instants += old_instants
                 if abs(old_worst) >= abs(worst):
                     worst, worst_s = old_worst, old_s
-            self._overload_s[row] = (first, value, worst, worst_s, instants)
+            self.overload_s[row] = (first, value, worst, worst_s, instants)
         self.state.beyond[:] = 0.0
         # An overload at the very end of a segment is at the first instant of the next one too.
         segment, last = self.segments[self.segment], len(self.offsets[self.segment]) - 1

@@ -160,9 +160,9 @@ def new_state(circuit: Circuit, q: int = 8) -> State:
     """State of a run that has not started."""
     n, m, p = len(circuit.rows), len(circuit.corners), LANES
     inputs = int(np.sum(circuit.rows[:, KIND] == INPUT))
-    memory = np.zeros((n, 7))
+    memory, start = np.zeros((n, 7)), np.zeros(n)
     memory[:, AS] = OP
-    memory[:, [X, X_END, BEFORE, BEFORE_END]] = circuit.initial[:, :1]
+    put_at_first(circuit.initial, memory, start)
     first_s = 2.0 * circuit.taus_s[0] if len(circuit.taus_s) else math.inf
     rungs, counts, changes = np.zeros((2, RUNGS)), np.zeros(15, dtype=np.int64), np.zeros((m, 17))
     rungs[:, 0], counts[ENDED_BY], counts[LAST_WINDOW] = first_s, -1, np.iinfo(np.int64).max
@@ -170,7 +170,7 @@ def new_state(circuit: Circuit, q: int = 8) -> State:
     return State(
         np.zeros(inputs),
         np.full(inputs, np.nan),
-        np.where(np.isnan(circuit.initial[:, 1]), 0.0, circuit.initial[:, 1]),
+        start,
         lined_up(n, p),
         np.zeros(n),
         lined_up(n, p),
@@ -194,6 +194,12 @@ def new_state(circuit: Circuit, q: int = 8) -> State:
         np.full(m, -1.0),
         np.zeros(n, dtype=np.int64),
     )
+
+
+def put_at_first(initial: Floats, memory: Floats, start: Floats) -> None:
+    """Put what a circuit begins with, (..., n, 2), into memory and signals of one state or of many."""
+    memory[..., [X, X_END, BEFORE, BEFORE_END]] = initial[..., :1]
+    start[...] = np.where(np.isnan(initial[..., 1]), 0.0, initial[..., 1])
 
 
 def new_ways(circuit: Circuit) -> Floats:

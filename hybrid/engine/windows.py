@@ -7,9 +7,12 @@ that the circuit saw, also between instants.
 
 from __future__ import annotations
 
+import itertools
 import math
 import threading
 from collections import OrderedDict
+from collections.abc import Iterator
+from typing import Any
 
 import numpy as np
 
@@ -24,11 +27,12 @@ from hybrid.engine.interplay import (
     Clock,
     Side,
     begin,
-    play_circuit,
+    play_circuits,
     play_limited_circuit,
     settle_loops,
 )
-from hybrid.engine.linear import Player
+from hybrid.engine.linear import NO_DRAWS, ROWS, Player
+from hybrid.engine.lines import Array, Lines, Places
 from hybrid.engine.lost import Lost, runaway, tails, unresolved
 from hybrid.engine.nodes import RESOLUTION, Shelf, new_shelf, nodes
 from hybrid.engine.noise import SHARE_OF_NOISE, Noise, measure, new_noise
@@ -49,11 +53,14 @@ from hybrid.engine.sweep import (
     SUM_OF_ERRORS,
     new_state,
 )
+from hybrid.engine.sweep import State as CircuitState
 from hybrid.machine import Machine
 from hybrid.modes import MODE_ELEMENT
 from hybrid.scale import to_seconds, to_ticks
 
 NODES = 8
+# Of a circuit, what runs that are alike may differ in.
+FIGURES = ("figures", "gain", "pieces", "initial")
 # Sets of laws whose operators are kept, in each thread.
 MOST_SHELVES = 8
 
@@ -64,6 +71,8 @@ class CircuitPlayer(Player):
     side: Side
     names: tuple[str, ...]  # of the circuit's elements
     noise: Noise | None
+    places: Places  # of all that is the run's own
+    lines: Lines
     intervals_s: Floats  # of the intervals between instants
     calls: Calls  # of tasks by comparators
 
@@ -139,13 +148,22 @@ class CircuitPlayer(Player):
         state = super()._first_state()
         count = len(self.machine.analog.signals) + 1
         v = np.concatenate([np.zeros(count), state.v])
-        state = state._replace(v=v, next_v=np.zeros(count))
-        begin(self.side, self.noise, self.plant, state, state.v[count + self.side.held])
+        state = self._in_a_line(state._replace(v=v, next_v=np.zeros(count)))
+        begin(self.side, self.noise, self.plant, state, self.lines)
         refuse_undefined(self.machine, self.side.circuit, self.names, self.side.state.start)
         if self.noise is not None:
             measure(self.side.circuit, self.side.state, self.noise)
         self.calls.listen(self.side.state)
         return state
+
+    def _in_a_line(self, state: State) -> State:
+        """Put all that is the run's own into one line."""
+        side = self.side
+        self.places = Places([*_own(side), *state])
+        self.lines = self.places.lines(self.places.line[None])
+        arrays = iter(self.places.alone())
+        self.side = with_own(side, arrays)
+        return State(*arrays)
 
     @property
     def held_s(self) -> float | None:
@@ -222,10 +240,40 @@ class CircuitPlayer(Player):
         return tuple(sorted(found, key=lambda o: (o.time_s, o.signal)))
 
     def _play_to(self, score: Score, normals: Floats, stop_repeat: int, stop_cue: int) -> int:
-        play = play_limited_circuit if len(self.deck.length_of) else play_circuit
         given = self._given(score, normals, stop_repeat, stop_cue)
-        outcome: int = play(*given, self.side, self.noise, self.clock)
-        return outcome
+        if len(self.deck.length_of):
+            return int(play_limited_circuit(*given, self.side, self.noise, self.clock))
+        outcome = self._play_lines(given, self.rows[None], self.lines)
+        return outcome if outcome == kernel.PAUSED else int(self.lines.outcomes[0])
+
+    def play_lines(self, records: Floats, lines: Lines) -> int:
+        """Play on to the end of the present segment in all these runs; records: (runs, rows, pens).
+
+        Gives PAUSED for a look at Ctrl-C, else DONE; `lines.outcomes` says what became of each.
+        """
+        score, repeats = self.scores[self.segment], self.segments[self.segment].repeats
+        return self._play_lines(self._given(score, NO_DRAWS, repeats, 0), records, lines)
+
+    def _play_lines(self, given: tuple[Any, ...], records: Floats, lines: Lines) -> int:
+        shared = (self.side, self.noise, self.clock, lines)
+        return int(play_circuits(*given[:ROWS], records, *given[ROWS + 1 :], *shared))
+
+
+def _own(side: Side) -> list[Array]:
+    """What a side has that is its run's own."""
+    figures = [getattr(side.circuit, name) for name in FIGURES]
+    return [*figures, *side.state, side.stopped_s, side.called_s]
+
+
+def with_own(side: Side, arrays: Iterator[Array]) -> Side:
+    """The side with these in their places."""
+    figures = dict(zip(FIGURES, arrays, strict=False))
+    return side._replace(
+        circuit=side.circuit._replace(**figures),
+        state=CircuitState(*itertools.islice(arrays, len(CircuitState._fields))),
+        stopped_s=next(arrays),
+        called_s=next(arrays),
+    )
 
 
 def settled(machine: Machine) -> tuple[list[float], dict[str, float]]:
