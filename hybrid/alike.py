@@ -106,9 +106,13 @@ def _run_together(
 
     first = plans[0]
     keep_every = thinning(first.machine, first.timeline.rows)
-    circuits, machines = [p.circuit for p in plans], [p.machine for p in plans]
+    of_each = (
+        [p.machine for p in plans],
+        [p.circuit for p in plans],
+        [seeds[p.number] for p in plans],
+    )
     try:
-        series = Series(machines, circuits, first.timeline, first.pens, keep_every)
+        series = Series(*of_each, first.timeline, first.pens, keep_every)
     except HybridError:  # of one of them, which will say so alone
         return
     began_s, interrupted = time.perf_counter(), False
@@ -120,8 +124,6 @@ def _run_together(
         interrupted = True
     played_s = (time.perf_counter() - began_s) / len(plans)
     for at, player in series.players():
-        number = plans[at].number
-        player.seed = seeds[number]
-        yield number, finished(player, first.pens, "nonlinear", played_s)
+        yield plans[at].number, finished(player, first.pens, "nonlinear", played_s)
     if interrupted:
         raise KeyboardInterrupt

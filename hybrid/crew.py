@@ -9,14 +9,17 @@ depends on the runs, so two of them are timed first. The results do not depend o
 
 from __future__ import annotations
 
+import itertools
 import multiprocessing
 import signal
 import sys
 import threading
 import warnings
+from collections import Counter
 from collections.abc import Callable, Generator, Iterable, Iterator, Sequence
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass
+from functools import partial
 from multiprocessing.connection import Connection, wait
 from multiprocessing.process import BaseProcess
 from typing import Any, TypeVar
@@ -33,7 +36,7 @@ Play = Callable[[Sequence[Order], Callable[[float], None]], Iterable[Result]]
 # To start a process, import Hybrid and load compiled kernels: 1 s to 3 s on the machines we know.
 START_S = 2.0
 # To copy this one.
-FORK_S = 0.05
+FORK_S = 0.02
 # A thread that is given Python's lock finds what it needs in the other core's memory.
 THREADING = 1.5
 # So much work is played at once: enough to hide the hand-over to a process or copy, and that what its
@@ -41,6 +44,8 @@ THREADING = 1.5
 HANDFUL_S = 0.5
 # At least so many handfuls for each process, so that all end together.
 HANDFULS = 16
+# A copy is asked for so many handfuls before it has played one: it need not wait for the next.
+AHEAD = 2
 # Threads are asked for the runs they have done so often.
 LOOK_S = 0.05
 
@@ -131,44 +136,77 @@ def in_forks(
     at_once: int,
     done: list[Result],
 ) -> Generator[None, None, None]:
-    """Play all orders in `jobs` copies of this process, `at_once` of them at a time in each.
+    """Play all orders, `at_once` of them at a time, in this process and `jobs` - 1 copies of it.
 
-    Results are appended to `done` a handful at a time, in the order in which they come; yields then.
-    Raises what a run raises, and RunError where a copy has been ended by somebody else. When it is
-    closed early the copies are ended, and with them the handfuls under way; when this process is killed
-    they end after theirs.
+    Results are appended to `done`, those of copies a handful at a time, in the order in which they come;
+    yields after each handful. Raises what a run raises, and RunError where a copy has been ended by
+    somebody else. When it is closed early the copies are ended, and with them the handfuls under way;
+    when this process is killed they end after theirs.
     """
-    context = multiprocessing.get_context("fork")
     count = -(-len(orders) // at_once)
-    todo, crew = iter(range(count)), dict[Connection, BaseProcess]()
+    todo, copies = iter(range(count)), _Copies()
     try:
+        copies.start(min(jobs, count) - 1, partial(_serve, play, orders, count))
+        for pipe in copies.crew:
+            copies.ask(pipe, itertools.islice(todo, AHEAD))
+        own = next(todo, None)
+        while own is not None or copies.asked:
+            if own is not None:
+                for result in play(orders[own::count]):
+                    done.append(result)
+                yield
+            for pipe, found in copies.answers(waits=own is None):
+                done.extend(found)
+                copies.ask(pipe, itertools.islice(todo, 1))
+                yield
+            own = next(todo, None)
+    finally:
+        copies.end()
+
+
+class _Copies:
+    """Copies of this process, each with a line to it, and how many answers it owes."""
+
+    def __init__(self) -> None:
+        self.crew: dict[Connection, BaseProcess] = {}
+        self.owed = Counter[Connection]()
+
+    def start(self, how_many: int, serve: Callable[..., None]) -> None:
+        """Start copies that do `serve(line, ends of lines that are not theirs)`."""
+        context = multiprocessing.get_context("fork")
         with deaf_children(), warnings.catch_warnings():
             # That threads do not live on in the copies; those of numpy are made anew.
             warnings.simplefilter("ignore", DeprecationWarning)
-            for _ in range(min(jobs, count)):
+            for _ in range(how_many):
                 here, there = context.Pipe()
-                copied = (*crew, here)
-                crew[here] = context.Process(
-                    target=_serve, args=(play, orders, count, there, copied), daemon=True
-                )
-                crew[here].start()
+                copied = (*self.crew, here)
+                self.crew[here] = context.Process(target=serve, args=(there, copied), daemon=True)
+                self.crew[here].start()
                 there.close()
-                here.send(next(todo))
-        busy = set(crew)
-        while busy:
-            for pipe in wait(list(busy)):
-                assert isinstance(pipe, Connection)
-                done.extend(_received(pipe))
-                more = next(todo, None)
-                if more is None:
-                    busy.discard(pipe)
-                else:
-                    pipe.send(more)
-            yield
-    finally:
-        for process in crew.values():
+
+    def ask(self, pipe: Connection, handfuls: Iterable[int]) -> None:
+        """Ask a copy for these handfuls."""
+        for which in handfuls:
+            pipe.send(which)
+            self.owed[pipe] += 1
+
+    @property
+    def asked(self) -> list[Connection]:
+        """Lines to the copies that owe an answer."""
+        return [pipe for pipe, count in self.owed.items() if count]
+
+    def answers(self, waits: bool) -> Iterator[tuple[Connection, list[Any]]]:
+        """Handfuls of results that are there; `waits`: for one at least."""
+        for pipe in wait(self.asked, None if waits else 0.0):
+            assert isinstance(pipe, Connection)
+            self.owed[pipe] -= 1
+            yield pipe, _received(pipe)
+
+    def end(self) -> None:
+        """End all copies."""
+        for process in self.crew.values():
             process.terminate()
-        for pipe, process in crew.items():
+        for pipe, process in self.crew.items():
             process.join()
             pipe.close()
 

@@ -129,7 +129,7 @@ class Task:
         """The same, and for how many seconds the engine played each."""
         machines = [attempt(self._compiled, order) for order in orders]
         predictions = passed_on(machines, self._predicted)
-        ready = list[tuple[Order, Machine, Prediction | HybridError | None]]()
+        ready = list[tuple[Order, Machine, Prediction | RunError | None]]()
         for order, machine, prediction in zip(orders, machines, predictions, strict=True):
             if isinstance(machine, HybridError):
                 yield _failed(order, order.seed, machine), 0.0
@@ -157,10 +157,10 @@ def _failed(order: Order, seed: int, error: HybridError) -> Point:
     return Point(order.index, {}, (), "failed", str(error), 0, seed)
 
 
-def _point(order: Order, result: Run, prediction: Prediction | HybridError | None) -> Point:
+def _point(order: Order, result: Run, prediction: Prediction | RunError | None) -> Point:
     """A run that was made."""
     modes, notes = tuple[dict[str, Any], ...](), [result.status_note]
-    if isinstance(prediction, HybridError):
+    if isinstance(prediction, RunError):
         notes.insert(0, f"no prediction: {brief(prediction)}")
     elif prediction:
         modes = tuple(prediction.to_dicts())

@@ -17,7 +17,7 @@ from hybrid.engine.corners import Log, settle
 from hybrid.engine.limited import compute
 from hybrid.engine.lines import RUN, UNDER_WAY, Lines
 from hybrid.engine.nodes import RESOLUTION, Nodes, Shelf
-from hybrid.engine.noise import Noise, jump, take
+from hybrid.engine.noise import Noise, drawn_from, jump, take
 from hybrid.engine.programs import compute_rest
 from hybrid.engine.relaxation import (
     CHATTER,
@@ -139,8 +139,8 @@ def take_turns(
     stop_repeat: int,
     stop_cue: int,
     side: Side,
-    noise: Noise | None,
     clock: Clock,
+    noise: Noise | None,
 ) -> int:
     """Like `kernel.play`, with the circuit as the analog side; at most CHUNK_ADVANCES instants."""
     cues, count = score.cues, state.counts
@@ -201,14 +201,16 @@ def play_circuits(
     stop_cue: int,
     side: Side,
     noise: Noise | None,
+    random: np.random.Generator | None,
     clock: Clock,
     runs: Lines,
 ) -> int:
     """`take_turns`, run after run, each from where its line has it up to (stop_repeat, stop_cue).
 
-    records: (runs, rows, pens). Returns DONE when every run has come there or has ended before, as
-    `runs.outcomes` says, or PAUSED for a look at Ctrl-C.
+    records: (runs, rows, pens); random: of the noise of all these runs. Returns DONE when every run has
+    come there or has ended before, as `runs.outcomes` says, or PAUSED for a look at Ctrl-C.
     """
+    loud = None if noise is None else drawn_from(random, noise)
     spent, most = 0, CHUNK_ELEMENTS // side.place.shape[0]
     for run in range(runs.now[RUN], runs.lines.shape[0]):
         if runs.outcomes[run] != kernel.PAUSED:
@@ -233,8 +235,8 @@ def play_circuits(
             stop_repeat,
             stop_cue,
             side,
-            noise,
             clock,
+            loud,
         )
         spent += 1 + side.state.counts[WINDOWS] - before
         repeat, cue = state.counts[kernel.REPEAT], state.counts[kernel.CUE]
@@ -249,14 +251,18 @@ def play_circuits(
 
 
 @allocating
-def play_limited_circuit(*given: Any) -> int:
-    """`take_turns` for programs of limited word length: a cycle is computed between two calls."""
+def play_limited_circuit(
+    noise: Noise | None, random: np.random.Generator | None, *given: Any
+) -> int:
+    """`take_turns`, which takes `noise` as its last, for programs of limited word length: a cycle is
+    computed between two calls."""
+    loud = None if noise is None else drawn_from(random, noise)
     score, deck, state, side = given[0], given[3], given[5], given[11]
     last = side.state.counts[WINDOWS] + CHUNK_ELEMENTS // side.place.shape[0]
     for _ in range(CHUNK_ADVANCES):
         if side.state.counts[WINDOWS] > last:
             break
-        outcome = take_turns(*given)
+        outcome = take_turns(*given, loud)
         if outcome != kernel.COMPUTES:
             return int(outcome)
         if compute(score, deck, state):
@@ -265,15 +271,23 @@ def play_limited_circuit(*given: Any) -> int:
 
 
 @allocating
-def begin(side: Side, noise: Noise | None, plant: Plant, state: State, runs: Lines) -> None:
+def begin(
+    side: Side,
+    noise: Noise | None,
+    random: np.random.Generator | None,
+    plant: Plant,
+    state: State,
+    runs: Lines,
+) -> None:
     """Let loops of every run come to rest with what its inputs hold; every signal follows, at t = 0."""
+    loud = None if noise is None else drawn_from(random, noise)
     inputs_at = plant.kept.shape[0]
     for run in range(runs.lines.shape[0]):
         take(runs.line, runs.lines[run])
         for i in range(side.held.shape[0]):
             side.state.held[i] = state.v[inputs_at + side.held[i]]
         settle_loops(side, side.state.held)
-        follow(side, noise, plant, state, 0.0, 0.0)
+        follow(side, loud, plant, state, 0.0, 0.0)
         take(runs.lines[run], runs.line)
 
 

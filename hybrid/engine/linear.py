@@ -40,6 +40,7 @@ from hybrid.timeline import Segment, Timeline, most_intervals
 # Small enough to answer Ctrl-C at once and to keep the normal draws in the cache.
 CHUNK_CUES = 1_000_000
 CHUNK_DRAWS = 1 << 17
+NOISE = "noise"  # the name of the stream of normal draws
 # Where the rows stand in what `kernel.play` takes.
 ROWS = 7
 NO_DRAWS = np.zeros(0)
@@ -129,7 +130,7 @@ class Player:
     @functools.cached_property
     def _normals(self) -> np.random.Generator:
         """The one stream of normal draws of this run."""
-        return stream(self.seed, "noise")
+        return stream(self.seed, NOISE)
 
     def _analog_side(self, intervals: list[int]) -> Plant:
         """The analog side, ready to be advanced over these intervals (ticks)."""

@@ -30,6 +30,10 @@ class Lines(NamedTuple):
     outcomes: Ints  # (runs,): why each came back, see `kernel`; PAUSED: it can go on
     now: Ints  # (2,): see the constants below
 
+    def part(self, some: slice) -> Lines:
+        """Some of the runs, not begun."""
+        return Lines(self.line, self.lines[some], self.outcomes[some], np.zeros_like(self.now))
+
 
 # Indices into Lines.now: the run whose turn it is; whether it is in the line.
 RUN, UNDER_WAY = range(2)

@@ -73,7 +73,7 @@ class Noise(NamedTuple):
     shelf: Shelf  # operators of `projection`
     spread: Floats  # (slots, rates, q, P): nodes of fresh noise of rms 1 from unit normal draws
     table: Projection
-    random: np.random.Generator
+    random: np.random.Generator | None  # None outside of compiled code, see `drawn_from`
     draws: Floats  # (q,): scratch
     held: Floats  # (n,): scratch
     log: Log  # events of the truth are those of the smooth run: nothing fits
@@ -81,20 +81,38 @@ class Noise(NamedTuple):
     blur: Blur
 
 
-def new_noise(circuit: Circuit, random: np.random.Generator, q: int = 8) -> Noise:
-    """Noise of a run that has not started, drawn from `random`."""
+def new_noise(circuit: Circuit, q: int = 8) -> Noise:
+    """Noise of a run that has not started."""
     shelf = new_shelf(len(circuit.laws))
     return Noise(
         new_state(circuit, q),
         shelf,
         lined_up(len(shelf.lengths_s), len(circuit.noise_rates), q, LANES),
         projection(q),
-        random,
+        None,
         np.zeros(q),
         np.zeros(len(circuit.rows)),
         new_log(0),
         new_chain(circuit),
         new_blur(circuit, q),
+    )
+
+
+@inlined
+def drawn_from(random: np.random.Generator, noise: Noise) -> Noise:
+    """The noise with what it is drawn from: numba takes a millisecond to see what a tuple is that holds
+    such a thing, so it is handed over by itself."""
+    return Noise(
+        noise.truth,
+        noise.shelf,
+        noise.spread,
+        noise.table,
+        random,
+        noise.draws,
+        noise.held,
+        noise.log,
+        noise.chain,
+        noise.blur,
     )
 
 

@@ -20,6 +20,7 @@ from hybrid.elements import INPUT
 from hybrid.engine import kernel
 from hybrid.engine.arrays import Floats, Plant, Score, State
 from hybrid.engine.beyond import TIMES, Overload
+from hybrid.engine.blur import Blur
 from hybrid.engine.calls import Calls
 from hybrid.engine.circuit import SOURCE, Builder
 from hybrid.engine.corners import new_log, settle
@@ -132,7 +133,7 @@ class CircuitPlayer(Player):
         self.side, self.names = side_of(self.machine)
         self.calls = Calls(self.machine, self.side.place)
         circuit = self.side.circuit
-        self.noise = new_noise(circuit, self._normals, NODES) if len(circuit.noisy) else None
+        self.noise = new_noise(circuit, NODES) if len(circuit.noisy) else None
         self.intervals_s = np.array([to_seconds(t) for t in intervals])
         signals, inputs = len(self.machine.analog.signals), len(self.machine.analog.inputs)
         return Plant(
@@ -149,7 +150,7 @@ class CircuitPlayer(Player):
         count = len(self.machine.analog.signals) + 1
         v = np.concatenate([np.zeros(count), state.v])
         state = self._in_a_line(state._replace(v=v, next_v=np.zeros(count)))
-        begin(self.side, self.noise, self.plant, state, self.lines)
+        begin(self.side, self.noise, self.random, self.plant, state, self.lines)
         refuse_undefined(self.machine, self.side.circuit, self.names, self.side.state.start)
         if self.noise is not None:
             measure(self.side.circuit, self.side.state, self.noise)
@@ -158,12 +159,16 @@ class CircuitPlayer(Player):
 
     def _in_a_line(self, state: State) -> State:
         """Put all that is the run's own into one line."""
-        side = self.side
-        self.places = Places([*_own(side), *state])
+        self.places = Places([*_own(self.side, self.noise), *state])
         self.lines = self.places.lines(self.places.line[None])
         arrays = iter(self.places.alone())
-        self.side = with_own(side, arrays)
+        self.side, self.noise = with_own(self.side, self.noise, arrays)
         return State(*arrays)
+
+    @property
+    def random(self) -> np.random.Generator | None:
+        """What the noise is drawn from."""
+        return self._normals if self.noise else None
 
     @property
     def held_s(self) -> float | None:
@@ -242,38 +247,50 @@ class CircuitPlayer(Player):
     def _play_to(self, score: Score, normals: Floats, stop_repeat: int, stop_cue: int) -> int:
         given = self._given(score, normals, stop_repeat, stop_cue)
         if len(self.deck.length_of):
-            return int(play_limited_circuit(*given, self.side, self.noise, self.clock))
-        outcome = self._play_lines(given, self.rows[None], self.lines)
+            return int(play_limited_circuit(self.noise, self.random, *given, self.side, self.clock))
+        outcome = self._play_lines(given, self.rows[None], self.lines, self.random)
         return outcome if outcome == kernel.PAUSED else int(self.lines.outcomes[0])
 
-    def play_lines(self, records: Floats, lines: Lines) -> int:
+    def play_lines(self, records: Floats, lines: Lines, random: np.random.Generator | None) -> int:
         """Play on to the end of the present segment in all these runs; records: (runs, rows, pens).
 
         Gives PAUSED for a look at Ctrl-C, else DONE; `lines.outcomes` says what became of each.
         """
         score, repeats = self.scores[self.segment], self.segments[self.segment].repeats
-        return self._play_lines(self._given(score, NO_DRAWS, repeats, 0), records, lines)
+        given = self._given(score, NO_DRAWS, repeats, 0)
+        return self._play_lines(given, records, lines, random)
 
-    def _play_lines(self, given: tuple[Any, ...], records: Floats, lines: Lines) -> int:
-        shared = (self.side, self.noise, self.clock, lines)
+    def _play_lines(
+        self,
+        given: tuple[Any, ...],
+        records: Floats,
+        lines: Lines,
+        random: np.random.Generator | None,
+    ) -> int:
+        shared = (self.side, self.noise, random, self.clock, lines)
         return int(play_circuits(*given[:ROWS], records, *given[ROWS + 1 :], *shared))
 
 
-def _own(side: Side) -> list[Array]:
-    """What a side has that is its run's own."""
+def _own(side: Side, noise: Noise | None) -> list[Array]:
+    """What a run has to itself of its analog side."""
     figures = [getattr(side.circuit, name) for name in FIGURES]
-    return [*figures, *side.state, side.stopped_s, side.called_s]
+    loud = [*noise.truth, *noise.blur] if noise else []
+    return [*figures, *side.state, side.stopped_s, side.called_s, *loud]
 
 
-def with_own(side: Side, arrays: Iterator[Array]) -> Side:
-    """The side with these in their places."""
-    figures = dict(zip(FIGURES, arrays, strict=False))
-    return side._replace(
-        circuit=side.circuit._replace(**figures),
-        state=CircuitState(*itertools.islice(arrays, len(CircuitState._fields))),
-        stopped_s=next(arrays),
-        called_s=next(arrays),
-    )
+def with_own(side: Side, noise: Noise | None, arrays: Iterator[Array]) -> tuple[Side, Noise | None]:
+    """The analog side with these in the places of a run's own."""
+
+    def taken(kind: type[Any]) -> Any:
+        return kind(*itertools.islice(arrays, len(kind._fields)))
+
+    figures: dict[str, Any] = dict(zip(FIGURES, arrays, strict=False))
+    circuit, state = side.circuit._replace(**figures), taken(CircuitState)
+    stopped_s, called_s = next(arrays), next(arrays)
+    if noise:
+        noise = noise._replace(truth=taken(CircuitState), blur=taken(Blur))
+    own = {"circuit": circuit, "state": state, "stopped_s": stopped_s, "called_s": called_s}
+    return side._replace(**own), noise
 
 
 def settled(machine: Machine) -> tuple[list[float], dict[str, float]]:

@@ -1,0 +1,191 @@
+"""Runs that are alike are played in one go, and each gives to the last bit what it gives alone."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+import hybrid
+from hybrid import alike
+from hybrid.arguments import patch_of
+from hybrid.compiler import compile_patch
+from hybrid.engine import series
+from hybrid.errors import HybridError
+
+# A relay servo whose stage saturates; a bound that some runs come to, and others do not.
+SERVO = """
+title: Servo
+machine: {preset: lags, saturation: 1.05}
+parameters: {gain: 1000 1/s, start: 0.5, high: 0.8}
+analog:
+  x: {integrate: {v: gain}, initial: start, full_scale: 1}
+  v: {integrate: {relay: gain, v: -200 1/s}, initial: 0, full_scale: 1}
+  relay: {compare: {x: -1}, hysteresis: 0.1, high: high, low: -0.7, full_scale: 1}
+run: {until: 30 ms, every: 0.1 ms}
+readouts: {top: {maximum: x}, last: {final: v}}
+"""
+# A program beside it, with converters that some runs overload before and after the warm-up.
+LOOP = """
+title: Loop
+machine: {preset: lags}
+parameters: {gain: 400 1/s, start: 0.5, cycle: 1 ms}
+analog:
+  x: {integrate: {push: gain, bent: -gain}, initial: start, full_scale: 1}
+  bent: {multiply: [x, x], full_scale: 1}
+interface:
+  s: {adc: x, range: 0.6}
+  push: {dac: u, full_scale: 1, initial: 0}
+digital: {period: cycle, compute_time: 0.3*cycle, program: {u: 0.5 - 0.9*s}}
+run: {until: 40.5 ms, every: 0.5 ms}
+readouts: {top: {maximum: x}, word: {final: u}, mean: {mean: s, from: 5 ms}}
+"""
+
+
+def compiled(text: str, given: list[dict[str, float]], machine: str | None = None, serials=None):
+    patch = hybrid.parse_patch(text)
+    serials = serials or [None] * len(given)
+    return [compile_patch(patch, g, machine, s) for g, s in zip(given, serials, strict=True)]
+
+
+def together(machines, seeds=None, monkeypatch=None):
+    """Results by number, and how many runs were played in a series."""
+    played = []
+    whole = series.Series.players
+
+    def players(self):
+        for run, player in whole(self):
+            played.append(run)
+            yield run, player
+
+    monkeypatch.setattr(series.Series, "players", players)
+    seeds = seeds or list(range(len(machines)))
+    return dict(alike.run_each(machines, seeds)), len(played)
+
+
+def alone(machine, seed):
+    try:
+        return hybrid.run(machine, seed=seed, readouts_only=True)
+    except HybridError as error:
+        return error
+
+
+def assert_alike(found, expected):
+    assert type(found) is type(expected)
+    if isinstance(found, HybridError):
+        assert str(found) == str(expected)
+        return
+    assert np.array_equal(found.rows, expected.rows, equal_nan=True)
+    facts = "seed status status_note readouts overloads operations engine engine_error coarse_by"
+    for fact in (*facts.split(), "outside", "done_ticks", "keep_every", "pens", "cycles"):
+        assert getattr(found, fact) == getattr(expected, fact), fact
+
+
+def check(machines, monkeypatch, in_series, seeds=None):
+    results, played = together(machines, seeds, monkeypatch)
+    assert played == in_series
+    assert sorted(results) == list(range(len(machines)))
+    seeds = seeds or range(len(machines))
+    expected = [alone(m, seed) for m, seed in zip(machines, seeds, strict=True)]
+    for number, one in enumerate(expected):
+        assert_alike(results[number], one)
+    return expected
+
+
+def test_events_saturation_and_overloads(monkeypatch):
+    given = [{"start": s, "gain": g} for s in (-0.9, 0.2, 0.7) for g in (300.0, 900.0)]
+    runs = check(compiled(SERVO, given), monkeypatch, len(given))
+    assert len({len(run.overloads) for run in runs}) > 1  # some have overloads, some have none
+
+
+def test_what_begins_beyond_full_scale_is_told_as_alone(monkeypatch):
+    text = SERVO.replace("  v: {int", "  twice: {sum: {x: 2}, full_scale: 1}\n  v: {int")
+    given = [{"start": s} for s in (0.2, 0.45, 0.6, 0.3)]
+    runs = check(compiled(text, given), monkeypatch, 3)
+    assert [any(o["time_s"] == 0.0 for o in run.overloads) for run in runs] == [0, 0, 1, 0]
+
+
+@pytest.mark.parametrize("reaction", ["stop", "hold"])
+def test_what_an_overload_does(monkeypatch, reaction):
+    text = SERVO.replace("every: 0.1 ms", f"every: 0.1 ms, on_overload: {reaction}")
+    given = [{"start": s, "gain": g} for s in (-0.9, 0.2) for g in (200.0, 900.0)]
+    runs = check(compiled(text, given), monkeypatch, len(given))
+    assert len({run.status for run in runs} | {run.status_note for run in runs}) > 1
+
+
+def test_programs_whose_converters_are_overloaded_in_some_segments(monkeypatch):
+    given = [{"start": s, "gain": g} for s in (0.3, 0.5, 0.7) for g in (-80.0, 100.0, 400.0)]
+    runs = check(compiled(LOOP, given), monkeypatch, len(given))
+    assert len(runs[0].timeline.segments) > 1
+    assert 0 < sum(any("s" in o["signal"] for o in run.overloads) for run in runs) < len(given)
+
+
+def test_other_cycle_times_are_other_series(monkeypatch):
+    given = [{"start": s, "cycle": t} for t in (1e-3, 2e-3, 0.7e-3) for s in (0.3, 0.5)]
+    check(compiled(LOOP, given), monkeypatch, len(given))
+    check(compiled(LOOP, given[::2]), monkeypatch, 0)  # each alone of its kind
+
+
+def test_a_run_that_runs_away_or_has_no_figure_harms_no_other(monkeypatch):
+    text = SERVO.replace("saturation: 1.05", "offset: 0").replace(
+        "v: -200 1/s}", "v: 2*gain, odd: 1 1/s}"
+    )
+    text = text.replace(
+        "run:",
+        "  odd: {divide: [v, level], full_scale: 1}\n  level: {sum: {x: 1}, full_scale: 1}\nrun:",
+    )
+    given = [{"start": s, "gain": g} for s in (0.5, 0.0, -0.5) for g in (5.0, 4000.0)]
+    runs = check(compiled(text, given), monkeypatch, 4)
+    assert [isinstance(run, HybridError) for run in runs] == [0, 0, 1, 1, 0, 0]
+    assert {run.status for run in runs if not isinstance(run, HybridError)} == {
+        "complete",
+        "stopped",
+    }
+
+
+@pytest.mark.parametrize("preset", ["nominal", "analog_thing"])
+def test_noise_is_that_of_each_run_alone(monkeypatch, preset):
+    count = 5
+    machines = compiled(LOOP, [{}] * count, preset, [3] * count)
+    runs = check(machines, monkeypatch, count, seeds=[0, 1, 7, 1, 2])
+    assert runs[1].readouts == runs[3].readouts != runs[2].readouts
+
+
+def test_serial_numbers(monkeypatch):
+    text = LOOP.replace("preset: lags", "preset: lags, tolerance: 1e-3, offset_limit: 1e-3")
+    runs = check(compiled(text, [{}] * 4, None, [0, 1, 2, 3]), monkeypatch, 4)
+    assert len({run.readouts["mean"]["value"] for run in runs}) == 4
+
+
+def test_noise_over_corners_is_measured_for_each(monkeypatch):
+    text = SERVO.replace("saturation: 1.05", "noise: 3e-2, saturation: 1.05")
+    machines = compiled(text.replace("30 ms", "3 ms"), [{"start": s} for s in (0.2, 0.5, 0.9)])
+    check(machines, monkeypatch, 3)
+
+
+@pytest.mark.parametrize("name", ["bouncing_ball", "shooting", "relay_servo", "jet_control"])
+def test_shipped_patches(monkeypatch, name):
+    patch = patch_of(name)
+    varied = {
+        "bouncing_ball": {"zeta": [0.02, 0.05, 0.1]},
+        "shooting": {"gain": [0.3, 0.4, 0.5]},
+        "relay_servo": {"T": [0.08, 0.1, 0.12]},
+        "jet_control": {"roll_start": [0.005, 0.01, 0.012]},
+    }[name]
+    ((parameter, values),) = varied.items()
+    machines = [compile_patch(patch, {parameter: value}) for value in values]
+    check(machines, monkeypatch, 3)
+
+
+def test_interrupted_series_gives_what_was_complete():
+    machines = compiled(SERVO, [{"start": s} for s in np.linspace(0.1, 0.9, 6)], "nominal")
+    seen = []
+
+    def after_some(done):
+        if done >= 0.6:
+            raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt):
+        for number, run in alike.run_each(machines, list(range(6)), after_some):
+            seen.append(number)
+            assert_alike(run, alone(machines[number], number))
+    assert seen == [0, 1, 2]
