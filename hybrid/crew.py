@@ -187,7 +187,10 @@ class _Copies:
     def ask(self, pipe: Connection, handfuls: Iterable[int]) -> None:
         """Ask a copy for these handfuls."""
         for which in handfuls:
-            pipe.send(which)
+            try:
+                pipe.send(which)
+            except OSError:
+                raise _ended() from None
             self.owed[pipe] += 1
 
     @property
@@ -236,12 +239,16 @@ def _serve(
             pipe.send(answer)
 
 
+def _ended() -> RunError:
+    return RunError("a process that played runs has been ended by the system")
+
+
 def _received(pipe: Connection) -> list[Any]:
     """A handful of results; raises what went wrong."""
     try:
         found = pipe.recv()
-    except EOFError:
-        raise RunError("a process that played runs has been ended by the system") from None
+    except (EOFError, OSError):
+        raise _ended() from None
     if isinstance(found, BaseException):
         raise found
     return list(found)

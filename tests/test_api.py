@@ -281,8 +281,9 @@ def test_an_interrupted_run_names_the_row_at_which_its_record_ends():
             done_ticks=to_ticks(done_s),
             play=play,
             remarks=tuple,
+            keep_every=2,
         )
-        return _play(player, None, 2)[1]
+        return _play(player, None)
 
     assert told(4, 0.73) == "interrupted at 0.73 s; the record ends with its row at 0.6 s"
     assert told(4, 0.6) == "interrupted at 0.6 s; the record ends there"

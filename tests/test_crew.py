@@ -155,8 +155,10 @@ def test_what_goes_wrong_is_raised() -> None:
 
 
 def test_a_copy_that_is_ended_from_outside_is_told() -> None:
+    here = os.getpid()
+
     def play(handful: Sequence[int]) -> Sequence[int]:
-        if 5 in handful:
+        if os.getpid() != here:
             os.kill(os.getpid(), signal.SIGKILL)
         return handful
 
@@ -209,10 +211,17 @@ def _slowly(shared: bytes, orders: Sequence[int]) -> list[int]:
     return list(orders)
 
 
-def test_copies_play_every_order_once() -> None:
-    done: list[int] = []
-    list(in_forks(lambda handful: [order**2 for order in handful], range(101), 3, 7, done))
-    assert sorted(done) == [k**2 for k in range(101)]
+def test_this_process_and_its_copies_play_every_order_once() -> None:
+    done: list[tuple[int, int]] = []
+
+    def play(handful: Sequence[int]) -> list[tuple[int, int]]:
+        time.sleep(1e-3)
+        return [(order**2, os.getpid()) for order in handful]
+
+    list(in_forks(play, range(101), 3, 7, done))
+    assert sorted(square for square, _ in done) == [k**2 for k in range(101)]
+    players = {player for _, player in done}
+    assert os.getpid() in players and len(players) == 3
 
 
 def test_nothing_is_copied_beside_other_threads() -> None:

@@ -6,6 +6,7 @@ one line, into which the figures of one run after the other are copied.
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Sequence
 from typing import Any, NamedTuple
 
@@ -44,30 +45,27 @@ class Places:
 
     def __init__(self, arrays: Sequence[Array]) -> None:
         """Make the line, with the arrays' figures in it."""
-        self.kinds = [(a.dtype, a.shape) for a in arrays]
-        sizes = [-(-a.nbytes // (BYTES * AT_ONCE)) * AT_ONCE for a in arrays]
-        self.offsets = np.cumsum([0, *sizes]).tolist()
+        self.kinds = [(a.dtype, a.shape, a.nbytes // BYTES) for a in arrays]
+        room = [-(-size // AT_ONCE) * AT_ONCE for _, _, size in self.kinds]
+        self.offsets = list(itertools.accumulate(room, initial=0))
         self.line = lined_up(self.offsets[-1])
-        for view, array in zip(self.views(self.line[None]), arrays, strict=True):
-            view[0] = array
+        for view, array in zip(self.alone(), arrays, strict=True):
+            view[...] = array
         self.first = self.line.copy()
-
-    def views(self, lines: Floats) -> list[Array]:
-        """Each array in all lines, (runs, ...)."""
-        runs, found = len(lines), []
-        for (kind, shape), at in zip(self.kinds, self.offsets, strict=False):
-            steps = np.empty(shape, kind).strides
-            found.append(
-                np.ndarray((runs, *shape), kind, lines, BYTES * at, (lines.strides[0], *steps))
-            )
-        return found
 
     def alone(self) -> list[Array]:
         """The arrays in the line itself."""
+        return [
+            self.line[at : at + size].view(kind).reshape(shape)
+            for (kind, shape, size), at in zip(self.kinds, self.offsets, strict=False)
+        ]
+
+    def views(self, lines: Floats) -> list[Array]:
+        """Each array in all these lines, (runs, ...)."""
         found = []
-        for (kind, shape), at in zip(self.kinds, self.offsets, strict=False):
-            size = int(np.prod(shape)) * kind.itemsize // BYTES
-            found.append(self.line[at : at + size].view(kind).reshape(shape))
+        for (kind, shape, _), at in zip(self.kinds, self.offsets, strict=False):
+            steps = (lines.strides[0], *np.empty(shape, kind).strides)
+            found.append(np.ndarray((len(lines), *shape), kind, lines, BYTES * at, steps))
         return found
 
     def below_each_other(self, runs: int) -> Lines:
