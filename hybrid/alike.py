@@ -13,8 +13,9 @@ from typing import TYPE_CHECKING
 
 from hybrid.errors import HybridError
 from hybrid.machine import Machine, Pen
+from hybrid.played import Run
 from hybrid.record import pens_for
-from hybrid.runs import Progress, Run, check_windows, finished, run, thinning
+from hybrid.runs import Progress, check_windows, finished, run, thinning
 from hybrid.timeline import Timeline, build_timeline
 from hybrid.together import attempt
 

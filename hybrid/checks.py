@@ -22,12 +22,13 @@ from hybrid.loops import Loops, loops_of
 from hybrid.loudness import short_windows
 from hybrid.machine import Machine
 from hybrid.patch import Patch, Value
+from hybrid.played import thinning_text
 from hybrid.potsheet import PotRow, pot_rows
 from hybrid.prediction import Case, closed_form_case
 from hybrid.ratetest import RateRow, rate_test, rate_warnings, static_check
 from hybrid.record import full_scales, machine_facts, signal_units
 from hybrid.roundoff import lost_constants
-from hybrid.runs import check_windows, thinning, thinning_text
+from hybrid.runs import check_windows, thinning
 from hybrid.scale import time_scale_text, to_seconds, to_ticks
 from hybrid.shots import ShotRow, check_shots
 from hybrid.timeline import build_timeline, seldom_text

@@ -40,9 +40,9 @@ from hybrid.expressions import names, to_text
 from hybrid.linearity import brief
 from hybrid.machine import Machine
 from hybrid.patch import Patch, Readout
+from hybrid.played import Run
 from hybrid.prediction import Prediction, predict_each
 from hybrid.record import changed_names, patch_hash, signal_units, versions_text
-from hybrid.runs import Run
 from hybrid.streams import stream
 from hybrid.together import attempt, passed_on
 

@@ -8,7 +8,7 @@ from __future__ import annotations
 import bisect
 import math
 from collections.abc import Mapping
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
@@ -17,13 +17,11 @@ from hybrid.engine.beyond import DAC_SUFFIX
 from hybrid.linearity import NotLinear
 from hybrid.machine import AT_SATURATION, Machine
 from hybrid.patch import Readout
+from hybrid.played import Run
 from hybrid.readout import FEWEST_ROWS_PER_CYCLE, READOUTS, figures, measure_transient
 from hybrid.record import signal_units
 from hybrid.ripple import with_ripple
 from hybrid.scale import to_seconds, to_ticks
-
-if TYPE_CHECKING:
-    from hybrid.runs import Run
 
 
 def read_out(result: Run) -> dict[str, dict[str, Any]]:

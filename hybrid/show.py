@@ -15,9 +15,9 @@ from hybrid.beside import mode_beside
 from hybrid.errors import counted
 from hybrid.machine import Machine
 from hybrid.naming import on_text
+from hybrid.played import Run, readout_text
 from hybrid.points import Point
 from hybrid.prediction import Prediction
-from hybrid.runs import Run, readout_text
 from hybrid.scale import time_scale_text, to_seconds
 from hybrid.sweeps import Sweep
 from hybrid.workload import TaskRow, columns, total_utilisation

@@ -17,7 +17,8 @@ import xarray as xr
 from hybrid.errors import RunError
 from hybrid.filing import PATIENCE_S, Filing, write_files
 from hybrid.patchfile import parse_patch
-from hybrid.runs import Run, run
+from hybrid.played import Run
+from hybrid.runs import run
 from hybrid.storage import PlainRecord
 
 
