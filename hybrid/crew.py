@@ -39,11 +39,12 @@ START_S = 2.0
 FORK_S = 0.02
 # A thread that is given Python's lock finds what it needs in the other core's memory.
 THREADING = 1.5
-# So much work is played at once: enough to hide the hand-over to a process or copy, and that what its
-# runs share is computed once; a process or copy loses all of it when the crew is interrupted.
-HANDFUL_S = 0.5
-# At least so many handfuls for each process, so that all end together.
-HANDFULS = 16
+# No more work is played at once: a process or copy loses all of it when the crew is interrupted.
+MOST_S = 0.5
+# And no less: enough to hide the hand-over, and that what its runs share is computed once.
+LEAST_S = 5e-3
+# Orders side by side are so many handfuls apart, as long as there are as many.
+SPREAD = 32
 # A copy is asked for so many handfuls before it has played one: it need not wait for the next.
 AHEAD = 2
 # Threads are asked for the runs they have done so often.
@@ -74,36 +75,50 @@ class Pace:
             takes_s[FORKS] = share_s + FORK_S
         return min(takes_s, key=lambda way: takes_s[way])
 
-    def handful(self, count: int, jobs: int) -> int:
-        """How many of `count` runs to play at once, `jobs` such handfuls at a time."""
-        most = HANDFUL_S / max(self.run_s, 1e-9)
-        share = count / (HANDFULS * jobs) if jobs > 1 else count
-        return max(1, int(min(most, share)))
+    def handfuls(self, orders: Sequence[Order], jobs: int) -> list[Sequence[Order]]:
+        """What is to be played at once, `jobs` such handfuls at a time, the first ones first.
+
+        Large ones first, each a fair share of half of what is left, so that little is lost to hand-overs
+        and all end together (guided self-scheduling, Polychronopoulos and Kuck, IEEE Trans. Computers
+        C-36, 1987). Costly runs, which often stand side by side, are spread over them.
+        """
+        most, least = (max(1, int(s / max(self.run_s, 1e-9))) for s in (MOST_S, LEAST_S))
+        left = orders if jobs == 1 else [o for i in range(SPREAD) for o in orders[i::SPREAD]]
+        found = list[Sequence[Order]]()
+        while left:
+            share = -(-len(left) // (2 * jobs)) if jobs > 1 else len(left)
+            size = min(max(share, least), most)
+            found.append(left[:size])
+            left = left[size:]
+        return found
 
 
 def in_threads(
     play: Play[Order, Result],
-    orders: Sequence[Order],
+    handfuls: Iterable[Sequence[Order]],
     jobs: int,
-    at_once: int,
     done: list[Result],
 ) -> Generator[None, None, None]:
-    """Play all orders, `at_once` of them at a time in each of `jobs` threads; yields now and then.
+    """Play all handfuls of orders in `jobs` threads; yields now and then.
 
     Each result is appended to `done` as soon as it is there. Raises what a run raises. When it is closed
     early, the runs under way end at their next look.
     """
-    todo = iter(range(0, len(orders), at_once))
+    todo, lock = iter(handfuls), threading.Lock()
     stop, failures = threading.Event(), list[BaseException]()
 
     def look(_: float) -> None:
         if stop.is_set():
             raise KeyboardInterrupt
 
+    def taken() -> Sequence[Order] | None:
+        with lock:
+            return next(todo, None)
+
     def work() -> None:
         try:
-            for first in todo:
-                for result in play(orders[first : first + at_once], look):
+            while (handful := taken()) is not None:
+                for result in play(handful, look):
                     done.append(result)
                     if stop.is_set():
                         return
@@ -131,28 +146,26 @@ def in_threads(
 
 def in_forks(
     play: Callable[[Sequence[Order]], Iterable[Result]],
-    orders: Sequence[Order],
+    handfuls: Sequence[Sequence[Order]],
     jobs: int,
-    at_once: int,
     done: list[Result],
 ) -> Generator[None, None, None]:
-    """Play all orders, `at_once` of them at a time, in this process and `jobs` - 1 copies of it.
+    """Play all handfuls of orders in this process and `jobs` - 1 copies of it.
 
     Results are appended to `done`, those of copies a handful at a time, in the order in which they come;
     yields after each handful. Raises what a run raises, and RunError where a copy has been ended by
     somebody else. When it is closed early the copies are ended, and with them the handfuls under way;
     when this process is killed they end after theirs.
     """
-    count = -(-len(orders) // at_once)
-    todo, copies = iter(range(count)), _Copies()
+    todo, copies = iter(range(len(handfuls))), _Copies()
     try:
-        copies.start(min(jobs, count) - 1, partial(_serve, play, orders, count))
+        copies.start(min(jobs, len(handfuls)) - 1, partial(_serve, play, handfuls))
         for pipe in copies.crew:
             copies.ask(pipe, itertools.islice(todo, AHEAD))
         own = next(todo, None)
         while own is not None or copies.asked:
             if own is not None:
-                for result in play(orders[own::count]):
+                for result in play(handfuls[own]):
                     done.append(result)
                 yield
             for pipe, found in copies.answers(waits=own is None):
@@ -216,8 +229,7 @@ class _Copies:
 
 def _serve(
     play: Callable[[Any], Any],
-    orders: Sequence[Any],
-    count: int,
+    handfuls: Sequence[Any],
     pipe: Connection,
     copied: Sequence[Connection],
 ) -> None:
@@ -233,7 +245,7 @@ def _serve(
         while True:
             which = pipe.recv()
             try:
-                answer: Any = list(play(orders[which::count]))
+                answer: Any = list(play(handfuls[which]))
             except BaseException as failure:  # raised again where the crew was asked for
                 answer = failure
             pipe.send(answer)
@@ -262,27 +274,24 @@ def can_fork() -> bool:
 def in_processes(
     play: Callable[[Any, Sequence[Order]], list[Result]],
     shared: bytes,
-    orders: Sequence[Order],
+    handfuls: Sequence[Sequence[Order]],
     jobs: int | None,
-    at_once: int,
     done: list[Result],
 ) -> Generator[None, None, None]:
-    """Play all orders by `play(shared, some of them)`, wherever joblib works, a Dask cluster too.
+    """Play all handfuls of orders by `play(shared, handful)`, wherever joblib works, a Dask cluster too.
 
-    jobs: at a time, as many as joblib finds right if None. Costly runs, which often stand side by side,
-    are spread over the handfuls of `at_once`. Results are appended to `done` a handful at a time, in the
-    order in which they come; yields then. Raises what a run raises. When it is closed early the
-    handfuls under way are lost.
+    jobs: at a time, as many as joblib finds right if None. Results are appended to `done` a handful at a
+    time, in the order in which they come; yields then. Raises what a run raises. When it is closed
+    early the handfuls under way are lost.
     """
     import joblib
 
-    count = -(-len(orders) // at_once)
     # A handful at a time: joblib would put more together, and one worker would end long after others.
     parallel = joblib.Parallel(n_jobs=jobs or -1, return_as="generator_unordered", batch_size=1)
     with deaf_children():
-        handfuls = parallel(joblib.delayed(play)(shared, orders[i::count]) for i in range(count))
-    with _closed_in_peace(handfuls):
-        for found in handfuls:
+        answers = parallel(joblib.delayed(play)(shared, handful) for handful in handfuls)
+    with _closed_in_peace(answers):
+        for found in answers:
             done.extend(found)
             yield
 

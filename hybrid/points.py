@@ -24,8 +24,8 @@ from hybrid.arguments import whole_number
 from hybrid.compiler import compile_patch
 from hybrid.crew import (
     FORKS,
-    HANDFUL_S,
     HERE,
+    MOST_S,
     PROCESSES,
     THREADS,
     Pace,
@@ -218,7 +218,7 @@ def _playing(
     """Play all orders the quickest way, the points being added to the list; yields now and then."""
     most = jobs or os.cpu_count() or 1
     timed = 0 if has_cluster() and jobs != 1 else min(PACED, len(orders))
-    pace = Pace(HANDFUL_S / POINTS_AT_ONCE, math.inf)  # where none is timed
+    pace = Pace(MOST_S / POINTS_AT_ONCE, math.inf)  # where none is timed
     # Those in the middle: at either end of a sweep a run may be far longer than most.
     start = (len(orders) - timed) // 2
     for order in orders[start : start + timed]:
@@ -230,18 +230,18 @@ def _playing(
         yield
     rest = [*orders[:start], *orders[start + timed :]]
     way = pace.way(len(rest), most, can_fork()) if timed else PROCESSES
-    at_once = pace.handful(len(rest), 1 if way == HERE else most)
+    handfuls = pace.handfuls(rest, 1 if way == HERE else most)
     if way == HERE:
-        for at in range(0, len(rest), at_once):
-            for point in task.points(rest[at : at + at_once]):
+        for handful in handfuls:
+            for point in task.points(handful):
                 points.append(point)
                 yield
     elif way == THREADS:
-        yield from in_threads(task.points, rest, most, at_once, points)
+        yield from in_threads(task.points, handfuls, most, points)
     elif way == FORKS:
-        yield from in_forks(task.points, rest, most, at_once, points)
+        yield from in_forks(task.points, handfuls, most, points)
     elif rest:
-        yield from in_processes(_points_of, pickle.dumps(task), rest, jobs, at_once, points)
+        yield from in_processes(_points_of, pickle.dumps(task), handfuls, jobs, points)
 
 
 def _points_of(packed: bytes, orders: Sequence[Order]) -> list[Point]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import os
 import signal
 import subprocess
@@ -18,8 +19,9 @@ from joblib.externals.loky import get_reusable_executor
 import hybrid
 from hybrid.crew import (
     FORKS,
-    HANDFULS,
     HERE,
+    LEAST_S,
+    MOST_S,
     PROCESSES,
     START_S,
     THREADING,
@@ -72,10 +74,24 @@ def test_the_quickest_way_is_taken(
     assert pace.way(count, jobs, forks=True) == with_copies
 
 
-def test_handfuls_are_neither_costly_to_lose_nor_uneven() -> None:
-    assert Pace(10.0, 0.0).handful(1000, 2) == 1
-    assert Pace(0.1, 0.0).handful(1000, 2) == 5  # half a second
-    assert Pace(1e-6, 0.0).handful(1000, 2) == 1000 // (2 * HANDFULS)
+@pytest.mark.parametrize("run_s", [10.0, 0.1, 1e-3, 1e-6])
+@pytest.mark.parametrize("jobs", [1, 2, 7])
+def test_handfuls_are_neither_costly_to_lose_nor_uneven(run_s: float, jobs: int) -> None:
+    found = Pace(run_s, 0.0).handfuls(range(1000), jobs)
+    assert sorted(order for handful in found for order in handful) == list(range(1000))
+    sizes = [len(handful) for handful in found]
+    assert sizes == sorted(sizes, reverse=True)
+    assert sizes[0] * run_s <= max(MOST_S, run_s)
+    assert min(sizes[:-1], default=1000) * run_s >= 0.9 * min(LEAST_S, run_s)
+    for number, size in enumerate(sizes):  # one begins as another does its last
+        fair = -(-sum(sizes[number:]) // (2 * jobs if jobs > 1 else 1))
+        assert size <= max(fair, LEAST_S / run_s, 1)
+
+
+def test_orders_side_by_side_are_not_played_by_one() -> None:
+    found = Pace(1e-3, 0.0).handfuls(range(1000), 2)
+    costly = [sum(order < 100 for order in handful) / len(handful) for handful in found[:4]]
+    assert all(0.05 < share < 0.15 for share in costly)
 
 
 @pytest.fixture(params=[HERE, THREADS, FORKS, PROCESSES])
@@ -134,7 +150,8 @@ def test_threads_end_at_their_next_look(at_once: int) -> None:
                 look(0.0)
             yield order
 
-    playing = in_threads(play, range(10**9), 2, at_once, done)
+    endless = (range(k, k + at_once) for k in itertools.count(0, at_once))
+    playing = in_threads(play, endless, 2, done)
     for _ in playing:
         if looks.is_set() and len(done) > 10:
             break
@@ -144,14 +161,18 @@ def test_threads_end_at_their_next_look(at_once: int) -> None:
     assert threading.active_count() < 20
 
 
+def threes(count: int) -> list[range]:
+    return [range(k, min(k + 3, count)) for k in range(0, count, 3)]
+
+
 def test_what_goes_wrong_is_raised() -> None:
     def play(handful: Sequence[int], look: Look | None = None) -> list[int]:
         return [1 // (order - 5) for order in handful]
 
     with pytest.raises(ZeroDivisionError):
-        list(in_threads(play, range(100), 2, 3, []))
+        list(in_threads(play, threes(100), 2, []))
     with pytest.raises(ZeroDivisionError):
-        list(in_forks(play, range(100), 2, 3, []))
+        list(in_forks(play, threes(100), 2, []))
 
 
 def test_a_copy_that_is_ended_from_outside_is_told() -> None:
@@ -163,7 +184,7 @@ def test_a_copy_that_is_ended_from_outside_is_told() -> None:
         return handful
 
     with pytest.raises(RunError, match="ended by the system"):
-        list(in_forks(play, range(100), 2, 3, []))
+        list(in_forks(play, threes(100), 2, []))
 
 
 LONG_CREW = """
@@ -175,7 +196,7 @@ def play(handful):
     return handful
 
 done = []
-for _ in in_forks(play, range(10**6), 2, 1, done):
+for _ in in_forks(play, [[k] for k in range(10**6)], 2, done):
     if len(done) > 3:
         print("begun", flush=True)
 """
@@ -201,7 +222,7 @@ def test_an_interrupt_of_processes_does_not_warn() -> None:
     """joblib would, that handfuls are lost."""
     with warnings.catch_warnings():
         warnings.simplefilter("error", UserWarning)
-        playing = in_processes(_slowly, b"", range(200), 2, 1, [])
+        playing = in_processes(_slowly, b"", [[k] for k in range(200)], 2, [])
         next(playing)
         playing.close()
 
@@ -218,7 +239,7 @@ def test_this_process_and_its_copies_play_every_order_once() -> None:
         time.sleep(1e-3)
         return [(order**2, os.getpid()) for order in handful]
 
-    list(in_forks(play, range(101), 3, 7, done))
+    list(in_forks(play, threes(101), 3, done))
     assert sorted(square for square, _ in done) == [k**2 for k in range(101)]
     players = {player for _, player in done}
     assert os.getpid() in players and len(players) == 3

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import itertools
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
+from typing import Any
 
 import numpy as np
 import pytest
@@ -101,9 +102,13 @@ def test_machines_of_many_kinds_keep_their_places() -> None:
         assert told(answer) == told(exact_modes_of_each([machine])[0])
 
 
+def by_five(_: Pace, orders: Sequence[Any], jobs: int) -> list[Sequence[Any]]:
+    return [orders[i : i + 5] for i in range(0, len(orders), 5)]
+
+
 @pytest.mark.parametrize("jobs", [1, 2])
 def test_each_point_of_a_sweep_is_what_it_is_alone(patch, jobs: int, monkeypatch) -> None:
-    monkeypatch.setattr(Pace, "handful", lambda *_: 5)
+    monkeypatch.setattr(Pace, "handfuls", by_five)
     gains = [1.0, 0.5, 0.0, 2.0, -1.0, 3.0, 0.25, 4.0, 0.0, 1.5, 0.8, 0.9]
     swept = hybrid.sweep(patch, "k", gains, {"row": 0.01}, jobs=jobs)
     assert [point.index for point in swept.points] == list(range(len(gains)))
@@ -117,7 +122,7 @@ def test_each_point_of_a_sweep_is_what_it_is_alone(patch, jobs: int, monkeypatch
 
 
 def test_a_point_that_cannot_be_compiled_is_alone_in_that(patch, monkeypatch) -> None:
-    monkeypatch.setattr(Pace, "handful", lambda *_: 5)
+    monkeypatch.setattr(Pace, "handfuls", by_five)
     lags_s = [0.0, 1e-6, 1e-7, 1e-16, 2e-6, 1e-5, 1e-16, 3e-6]
     swept = hybrid.sweep(patch, "tau", lags_s, {"cycle": 5e-3}, jobs=1)
     failed = [point.index for point in swept.points if point.status == "failed"]
