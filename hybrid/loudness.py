@@ -17,7 +17,7 @@ def short_windows(machine: Machine) -> str:
     """Which source makes the run of this machine long, and what would do; '' where none does."""
     if not machine.elements:
         return ""
-    from hybrid.engine.circuit import distorted_noise
+    from hybrid.engine.wiring import distorted_noise
 
     lengths_s = distorted_noise(dict(machine.elements))
     if not lengths_s:

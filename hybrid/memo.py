@@ -12,6 +12,7 @@ from typing import Any, Generic, TypeVar
 
 Key = TypeVar("Key", bound=Hashable)
 Result = TypeVar("Result")
+Thing = TypeVar("Thing")
 
 # Kept of each function; the oldest goes first.
 MOST_KEPT = 64
@@ -53,6 +54,55 @@ class KeptByUse(Generic[Result]):
             self.kept[others] = watched.used, result
             self.kept.move_to_end(others)
             if len(self.kept) > MOST_KEPT:
+                self.kept.popitem(last=False)
+        return result
+
+
+class KeptLast(Generic[Key, Result]):
+    """The result that was made last for each key: `build(last, key, *others)` may take parts of it over.
+
+    What it gives must not depend on what it began with, which may be None, or of another thread: it is
+    what would be built of nothing. Nobody may change a result.
+    """
+
+    def __init__(self, build: Callable[..., Result]) -> None:
+        self.build = build
+        self.lock = threading.Lock()
+        self.kept: OrderedDict[Key, Result] = OrderedDict()
+
+    def __call__(self, key: Key, *others: Any) -> Result:
+        """The result, which is the last one itself where `build` finds that it still holds."""
+        last = self.kept.get(key)
+        result = self.build(last, key, *others)
+        if result is not last:
+            with self.lock:
+                self.kept[key] = result
+                self.kept.move_to_end(key)
+                if len(self.kept) > MOST_KEPT:
+                    self.kept.popitem(last=False)
+        return result
+
+
+class KeptByObject(Generic[Thing, Result]):
+    """`build(thing)`, kept for the thing itself and not for its equal: nothing is compared or hashed.
+
+    most: things of which it is kept; the oldest go first. Nobody may change a thing or a result.
+    """
+
+    def __init__(self, build: Callable[[Thing], Result], most: int) -> None:
+        self.build, self.most = build, most
+        self.lock = threading.Lock()
+        self.kept: OrderedDict[int, tuple[Thing, Result]] = OrderedDict()  # so that things stay
+
+    def __call__(self, thing: Thing) -> Result:
+        """The result that is kept, or a new one; raises what building raises."""
+        found = self.kept.get(id(thing))
+        if found is not None:
+            return found[1]
+        result = self.build(thing)
+        with self.lock:
+            self.kept[id(thing)] = thing, result
+            if len(self.kept) > self.most:
                 self.kept.popitem(last=False)
         return result
 

@@ -5,7 +5,6 @@ Stage 4.
 
 from __future__ import annotations
 
-import functools
 from collections.abc import Mapping, Sequence
 from graphlib import TopologicalSorter
 
@@ -25,16 +24,14 @@ def computing_order(elements: Mapping[str, Element]) -> tuple[tuple[str, ...], t
     Loops are cut at one integrator, or else at one lag, until none is left; then every element follows
     those it reads. Returns the order and how many elements come before and up to the end of the loops.
     """
-    return _ordered(tuple((n, tuple(e.reads()), _rank(e)) for n, e in elements.items()))
+    return ordered([(name, tuple(e.reads()), rank(e)) for name, e in elements.items()])
 
 
-# The runs of a batch differ in figures, not in what reads what.
-@functools.lru_cache(maxsize=32)
-def _ordered(
-    parts: tuple[tuple[str, tuple[str, ...], int], ...],
+def ordered(
+    parts: Sequence[tuple[str, Sequence[str], int]],
 ) -> tuple[tuple[str, ...], tuple[int, int]]:
     """The same for parts of a name, what it reads and its rank."""
-    names, rank = [name for name, _, _ in parts], [rank for _, _, rank in parts]
+    names, ranks = [name for name, _, _ in parts], [rank for _, _, rank in parts]
     place = {name: i for i, name in enumerate(names)}
     edges = {(place[r], place[name]) for name, reads, _ in parts for r in reads}
     feeds: list[set[int]] = [set() for _ in names]  # what is left of them as loops are cut
@@ -45,8 +42,8 @@ def _ordered(
     while loops:
         group = loops.pop()
         within = set(group)
-        cut = min(group, key=lambda i: (rank[i], -len(feeds[i] & within), i))
-        if rank[cut] == FORGETS:
+        cut = min(group, key=lambda i: (ranks[i], -len(feeds[i] & within), i))
+        if ranks[cut] == FORGETS:
             raise ValueError(
                 f"a loop without integrator or lag: {', '.join(names[i] for i in group)}"
             )
@@ -85,7 +82,7 @@ def _reached(feeds: Sequence[set[int]], seed: int) -> set[int]:
     return found
 
 
-def _rank(element: Element) -> int:
+def rank(element: Element) -> int:
     """Where a loop is cut first."""
     return 0 if element.kind == INTEGRATE else 1 if element.remembers() else FORGETS
 
