@@ -9,8 +9,10 @@ from __future__ import annotations
 
 import functools
 import math
-from collections.abc import Callable, Iterator, Mapping
-from dataclasses import dataclass, replace
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import replace
+from itertools import chain
+from typing import TypedDict
 
 import numpy as np
 
@@ -28,10 +30,12 @@ from hybrid.elements import (
     Element,
     limit_pieces,
 )
+from hybrid.expressions import names
 from hybrid.graph import find_loop
 from hybrid.guards import in_machine_units
 from hybrid.layout import AnalogLayout, block_states
 from hybrid.machine import Analog, OutputStage, StepEvent
+from hybrid.memo import KeptLast
 from hybrid.modes import HOLD, IC, LOGIC, MODE_ELEMENT, MODE_NAMES, OP, TIMED_MODE
 from hybrid.patch import Component, Patch
 
@@ -41,6 +45,7 @@ GATE = ":gate"
 Elements = tuple[tuple[str, Element], ...]
 
 
+@functools.lru_cache(maxsize=64)
 def is_linear(patch: Patch) -> bool:
     """Whether every component of the patch is linear, so that matrices describe it while in OP."""
     return all(CATALOG[c.kind].linear_with(c.values) for c in patch.components)
@@ -50,95 +55,124 @@ def build_circuit(
     patch: Patch, scope: Mapping[str, float], stages: Mapping[str, OutputStage]
 ) -> tuple[Analog, tuple[StepEvent, ...], Elements]:
     """Lay out and scale the analog side as elements; `stages` gives each component's errors."""
-    used = tuple((name, scope[name]) for name in patch.analog_parameters)
-    return _laid_out(patch, used, tuple(sorted(stages.items(), key=lambda entry: entry[0])))
+    return _layout(patch, scope, stages).result
 
 
 def elements_with(
     patch: Patch, scope: Mapping[str, float], stages: Mapping[str, OutputStage]
 ) -> Callable[[str, OutputStage], Elements]:
     """What gives the elements of one component whose output stage has other errors than in `stages`."""
-    layout = _CircuitLayout(patch, scope, dict(stages))
-    return layout.elements_with
+    return _layout(patch, scope, stages).elements_with
 
 
-@functools.lru_cache(maxsize=64)
-def _laid_out(
-    patch: Patch, scope: tuple[tuple[str, float], ...], stages: tuple[tuple[str, OutputStage], ...]
-) -> tuple[Analog, tuple[StepEvent, ...], Elements]:
-    return _CircuitLayout(patch, dict(scope), dict(stages)).build_circuit()
+def _next_layout(
+    last: _CircuitLayout | None,
+    patch: Patch,
+    scope: Mapping[str, float],
+    stages: Mapping[str, OutputStage],
+) -> _CircuitLayout:
+    return last.with_figures(scope, stages) if last else _CircuitLayout(patch, scope, stages)
 
 
-@dataclass(slots=True)
-class _Made:
-    """What was made last of a component, and all the figures that it was made of."""
-
-    of: tuple[object, ...]
-    given: Given
-    core: Core
-    gates: frozenset[str] = frozenset()
-    elements: Elements = ()
-
-
-@dataclass(frozen=True)
-class _Bench:
-    """The runs of a batch differ in few figures: what does not depend on those is made once."""
-
-    uses: dict[str, tuple[tuple[str, ...], tuple[str, ...]]]  # parameters, signals read
-    made: dict[str, _Made]
-
-
-@functools.lru_cache(maxsize=16)
-def _bench(patch: Patch) -> _Bench:
-    uses = {c.name: (c.parameters, c.sources) for c in patch.components}
-    return _Bench(uses, {})
+# The runs of a batch differ in few figures: what does not depend on those is laid out once.
+_layout: KeptLast[Patch, _CircuitLayout] = KeptLast(_next_layout)
 
 
 class _CircuitLayout(AnalogLayout):
-    """Elements by name; an element of a linear kind comes from its core."""
+    """Elements by name; an element of a linear kind comes from its core.
+
+    A layout is never changed: one with other figures shares with it whatever they leave as it is.
+    """
+
+    analog: Analog
+    events: tuple[StepEvent, ...]
+    of_modes: Elements
 
     def __init__(
         self, patch: Patch, scope: Mapping[str, float], stages: Mapping[str, OutputStage]
     ) -> None:
         self.given: dict[str, Given] = {}
-        self.bench, self.made = _bench(patch), dict[str, _Made]()
+        self.passing: dict[str, tuple[bool, bool]] = {}
+        self.elements: dict[str, Elements] = {}
         super().__init__(patch, scope, stages)
         modes = patch.modes
         controls = {s for component in patch.components for s in component.controls}
         controls |= {s for s in (modes.reset_when, modes.hold_when) if s} if modes else set()
-        # Sources that control something: it follows their edges at once, without their lag.
-        self.gates = frozenset(name for name, core in self.cores.items() if core.steps) & controls
+        self.controls = controls & self.cores.keys()
+        self.followers = self._followers()
+        self._lay_out(self.signals, scope, None)
 
-    def _core(self, component: Component, scope: Mapping[str, float]) -> Core:
-        """The same, kept while nothing that it depends on is another."""
-        name, scale = component.name, self.scale
-        parameters, sources = self.bench.uses[name]
-        of = (
-            *(scope[p] for p in parameters),
-            scale[name],
-            *(scale[s] for s in sources),
-            self.stages[name],
-        )
-        made = self.bench.made.get(name)
-        if made is None or made.of != of:
-            core = super()._core(component, scope)
-            made = _Made(of, self.given[name], core)
-            self.bench.made[name] = made
-        self.made[name], self.given[name] = made, made.given
-        return made.core
+    def _followers(self) -> dict[str, set[str]]:
+        """By parameter the signals whose figures follow it."""
+        found: dict[str, set[str]] = {name: set() for name in self.patch.analog_parameters}
+        for name, part in self.parts.items():
+            read = part.sources if isinstance(part, Component) else ()
+            own = part.parameters if isinstance(part, Component) else names(part.initial.expr)
+            scales = (names(self.parts[s].full_scale.expr) for s in (name, *read))
+            for parameter in frozenset().union(own, *scales):
+                found[parameter].add(name)
+        return found
+
+    def with_figures(
+        self, scope: Mapping[str, float], stages: Mapping[str, OutputStage]
+    ) -> _CircuitLayout:
+        """The layout for these, this one itself where they change nothing."""
+        moved = [p for p, value in self.used.items() if scope[p] != value]
+        changed = set[str]().union(*(self.followers[p] for p in moved))
+        other = set[str]()  # in its errors
+        if stages is not self.stages:
+            other = {s for s, stage in stages.items() if stage != self.stages[s]}
+            changed |= {s for s in other if _dials(stages[s]) != _dials(self.stages[s])}
+        if not moved and not other:
+            return self
+        layout = object.__new__(_CircuitLayout)
+        layout.__dict__.update(self.__dict__)
+        layout.given = dict(self.given)
+        layout.work_out(sorted(changed), scope, stages)
+        layout._lay_out(sorted(changed | other), scope, self)
+        return layout
+
+    def _lay_out(
+        self, of: Sequence[str], scope: Mapping[str, float], last: _CircuitLayout | None
+    ) -> None:
+        """Everything the machine needs, with these signals made anew and the others from `last`."""
+        self.used = {name: scope[name] for name in self.followers}
+        passing = {
+            s: (self.cores[s].dynamic, self.stages[s].tau == 0) for s in of if s in self.cores
+        }
+        self.passing = {**self.passing, **passing}
+        if not last or self.passing != last.passing:
+            self.reject_lagless_loops()
+        held = not last or any(self._holds(name, last) for name in of)
+        self.analog = self._analog() if held else self.analog
+        # Sources that control something: it follows their edges at once, without their lag.
+        self.gates = frozenset(name for name in self.controls if self.cores[name].steps)
+        gated = not last or self.gates != last.gates
+        made = {name: tuple(self._elements(name)) for name in (self.signals if gated else of)}
+        self.elements = {**self.elements, **made}
+        self.events = self.steps(self.analog.inputs) if held else self.events
+        self.of_modes = tuple(self._mode_elements()) if gated else self.of_modes
+        found = (*self.of_modes, *chain.from_iterable(self.elements.values()))
+        self.result = self.analog, self.events, found
+
+    def _holds(self, name: str, last: _CircuitLayout) -> bool:
+        """Whether the held inputs or full scales may be others because of this signal."""
+        if name in self.dacs or self.scale[name] != last.scale[name]:
+            return True
+        return bool(self.cores[name].steps or last.cores[name].steps)
 
     def given_to(self, component: Component, scope: Mapping[str, float]) -> Given:
         """The same, kept for the component's elements."""
-        return self.given.setdefault(component.name, super().given_to(component, scope))
+        self.given[component.name] = given = super().given_to(component, scope)
+        return given
 
-    def build_circuit(self) -> tuple[Analog, tuple[StepEvent, ...], Elements]:
-        """Everything the machine needs of the analog side."""
-        self.reject_lagless_loops()
+    def _analog(self) -> Analog:
+        """Signals and held inputs; what lies between them is in the elements."""
         sources = self.held_inputs()
         timed = (TIMED_MODE,) if self._is_timed else ()  # it begins at 0, which is IC
         inputs, first = (*sources, *timed), [*self.first_inputs(sources), *(0.0 for _ in timed)]
         none, count = np.zeros((0, 0)), len(self.signals)
-        analog = Analog(
+        return Analog(
             self.signals,
             (),
             inputs,
@@ -152,8 +186,6 @@ class _CircuitLayout(AnalogLayout):
             np.full(count, math.nan),
             (),
         )
-        found = [pair for name in self.signals for pair in self._kept_elements(name)]
-        return analog, self.steps(inputs), (*self._mode_elements(), *found)
 
     @property
     def _is_timed(self) -> bool:
@@ -240,15 +272,6 @@ class _CircuitLayout(AnalogLayout):
         component = self.components[name]
         return sorted({*component.sources, *component.controls})
 
-    def _kept_elements(self, name: str) -> Elements:
-        """The elements of a signal, those made last where its figures are the same."""
-        made = self.made.get(name)
-        if made is None:  # a DAC
-            return tuple(self._elements(name))
-        if not made.elements or made.gates != self.gates:
-            made.gates, made.elements = self.gates, tuple(self._elements(name))
-        return made.elements
-
     def elements_with(self, name: str, stage: OutputStage) -> Elements:
         """The elements of a signal with these errors of its output stage, not on the dials."""
         return tuple(self._elements(name, stage))
@@ -259,7 +282,7 @@ class _CircuitLayout(AnalogLayout):
         """The hidden element of a signal, if it has one, and its own."""
         stage = stage or self.stages[name]
         if name in self.dacs:
-            yield name, _with_errors(Element(INPUT), stage)
+            yield name, Element(INPUT, gain=stage.gain, **_errors(stage))
         elif not CATALOG[self.components[name].kind].is_linear:
             yield from self._nonlinear(name, stage)
         elif self.components[name].kind == "noise_source":
@@ -290,7 +313,7 @@ class _CircuitLayout(AnalogLayout):
             outputs = zip(block_states(name, core.block), core.block.c, strict=True)
             first = {f"{name}:input": core.block.d, **dict(outputs)}
         constant = self.checked(name, core.constant / full_scale)
-        yield name, _with_errors(Element(SUM, first, constant), stage)
+        yield name, Element(SUM, first, constant, gain=stage.gain, **_errors(stage))
 
     def _noise(self, name: str, stage: OutputStage) -> Elements:
         """White noise through a lag of the noise's bandwidth, from 0 on; no mode stops it."""
@@ -321,7 +344,8 @@ class _CircuitLayout(AnalogLayout):
         time_s = -1.0 / core.feedback if core.feedback else math.inf
         settled = {signal: gain * time_s for signal, gain in first.items() if core.initial is None}
         if core.initial is None and not self.patch.leaves_op:
-            lag = _with_errors(Element(SUM, settled), replace(stage, tau=time_s, noise=0.0))
+            errors = _errors(replace(stage, tau=time_s, noise=0.0))
+            lag = Element(SUM, settled, gain=stage.gain, **errors)
             if stage.tau == 0.0:
                 yield name, lag
                 return
@@ -371,12 +395,8 @@ class _CircuitLayout(AnalogLayout):
         made = self._reading(name, kind.element(given))
         if made.kind == TRACK:
             made = replace(made, figures=(made.figures[0] + stage.leak,))
-        scaled = replace(
-            made,
-            initial=made.initial / full_scale,
-            gain=self.checked(name, made.gain / full_scale),
-        )
-        yield name, _with_errors(scaled, stage)
+        initial, gain = made.initial / full_scale, self.checked(name, made.gain / full_scale)
+        yield name, replace(made, initial=initial, gain=stage.gain * gain, **_errors(stage))
 
     def _reading(self, name: str, element: Element) -> Element:
         """The element with signals read in SI units and the component's hidden elements as they are."""
@@ -399,6 +419,11 @@ class _CircuitLayout(AnalogLayout):
         """Gains in machine units."""
         own = self.scale[name]
         return {s: self.checked(name, gains[s] * self.scale[s] / own) for s in sorted(gains)}
+
+
+def _dials(stage: OutputStage) -> tuple[float, ...]:
+    """What of its output stage the figures of a component depend on, but for its elements."""
+    return stage.pot_resolution, stage.saturation, stage.step_mu
 
 
 def _in_loop(name: str, integrator: Element, core: Core) -> Elements:
@@ -437,13 +462,19 @@ def _block(name: str, block: Block, first: Mapping[str, float]) -> Elements:
     return tuple(made)
 
 
-def _with_errors(element: Element, stage: OutputStage) -> Element:
-    """The element with the errors of its output stage."""
-    return replace(
-        element,
-        gain=stage.gain * element.gain,
-        offset=stage.offset,
-        saturation=stage.saturation,
-        lag_s=stage.tau,
-        noise=stage.noise,
-    )
+class _Errors(TypedDict):
+    """What an element has of its output stage, but for the gain."""
+
+    offset: float
+    saturation: float
+    lag_s: float
+    noise: float
+
+
+def _errors(stage: OutputStage) -> _Errors:
+    return {
+        "offset": stage.offset,
+        "saturation": stage.saturation,
+        "lag_s": stage.tau,
+        "noise": stage.noise,
+    }

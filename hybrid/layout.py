@@ -61,16 +61,31 @@ class AnalogLayout:
     def __init__(
         self, patch: Patch, scope: Mapping[str, float], stages: Mapping[str, OutputStage]
     ) -> None:
-        self.patch, self.stages = patch, stages
+        self.patch = patch
         self.components = {c.name: c for c in sorted(patch.components, key=lambda c: c.name)}
         self.dacs = {d.name: d for d in sorted(patch.dacs, key=lambda d: d.name)}
         self.signals = tuple(sorted([*self.components, *self.dacs]))
-        parts = {part.name: part for part in patch.analog_parts}
-        self.scale = {s: self._full_scale(s, parts[s].full_scale, scope) for s in self.signals}
-        self.units = {s: parts[s].factor for s in self.signals}
-        self.cores = {name: self._core(c, scope) for name, c in self.components.items()}
-        initial_words = {name: d.initial.number(scope) for name, d in self.dacs.items()}
-        self.held_mu = {name: self._code(name, word) for name, word in initial_words.items()}
+        self.parts = {part.name: part for part in patch.analog_parts}
+        self.units = {s: self.parts[s].factor for s in self.signals}
+        self.scale, self.cores, self.held_mu = (
+            dict[str, float](),
+            dict[str, Core](),
+            dict[str, float](),
+        )
+        self.work_out(self.signals, scope, stages)
+
+    def work_out(
+        self, signals: Sequence[str], scope: Mapping[str, float], stages: Mapping[str, OutputStage]
+    ) -> None:
+        """The figures of these signals, sorted; those of all others stay."""
+        self.stages, parts, dacs = stages, self.parts, [s for s in signals if s in self.dacs]
+        scales = {s: self._full_scale(s, parts[s].full_scale, scope) for s in signals}
+        self.scale = {**self.scale, **scales}
+        of = [self.components[s] for s in signals if s in self.components]
+        self.cores = {**self.cores, **{c.name: self._core(c, scope) for c in of}}
+        initial_words = {name: self.dacs[name].initial.number(scope) for name in dacs}
+        held_mu = {name: self._code(name, word) for name, word in initial_words.items()}
+        self.held_mu = {**self.held_mu, **held_mu}
         for name, value in initial_words.items():
             self._check_initial(name, value, self.dacs[name].initial)
 
@@ -223,7 +238,8 @@ class AnalogLayout:
 
     def first_inputs(self, inputs: Sequence[str]) -> Floats:
         """The held inputs at t = 0."""
-        sources = {name: self._level(name, core.held) for name, core in self.cores.items()}
+        stepping = [name for name in inputs if name in self.cores]
+        sources = {name: self._level(name, self.cores[name].held) for name in stepping}
         first = {ONE: 1.0, **self.held_mu, **sources}
         return np.array([first[name] for name in inputs])
 
