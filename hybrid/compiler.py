@@ -6,8 +6,7 @@ converters and the timing.
 
 from __future__ import annotations
 
-import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 
 from hybrid.circuits import Elements, build_circuit, is_linear
 from hybrid.errors import PatchError, RunError, did_you_mean, quoted
@@ -17,7 +16,6 @@ from hybrid.machine import (
     Holder,
     Machine,
     Operation,
-    OutputStage,
     Sampler,
     StepEvent,
     Timing,
@@ -25,9 +23,9 @@ from hybrid.machine import (
 from hybrid.machines import PRESETS, Preset
 from hybrid.memo import KeptByUse
 from hybrid.modes import HOLD, IC, OP, TIMED_MODE
-from hybrid.patch import Adc, Component, Dac, Patch, Program, Value
-from hybrid.scale import TICKS_PER_SECOND, to_seconds
-from hybrid.streams import unit_error
+from hybrid.output_stages import make_of, stages_of, step_mu
+from hybrid.patch import Adc, Dac, Patch
+from hybrid.scale import to_seconds
 from hybrid.tape import Tape
 from hybrid.taping import build_tape
 from hybrid.tasks import counted_ticks, task_of_adc, task_of_dac, task_timings, ticks_of
@@ -40,14 +38,10 @@ DEEPEST_PIPELINE = 1000
 # Numbers in the record, 0.8 GB.
 MOST_RECORDED = 10**8
 LARGEST_SERIAL = 2**63 - 1
-# Saturation levels that make sense, in full scales, or the inverse of them.
-LEAST_SATURATION = 1e-3
 LARGEST_TIME_SCALE = 1e9
 LARGEST_POT_RESOLUTION = 0.1
 # An ADC's range, as a fraction of its signal's full scale, or the inverse of it.
 SMALLEST_RANGE = 1e-12
-# Kinds whose capacitor may leak.
-KEEPS_A_CHARGE = frozenset({"integrate", "track"})
 
 
 def compile_patch(
@@ -70,11 +64,11 @@ def compile_patch(
         raise RunError(f"serial is {serial}; it must be a whole number from 0 to 2^63 - 1")
     time_scale = _time_scale(patch, scope)
     resolution = 0.0 if machine else _pot_resolution(patch, scope)
-    stages = _stages(scope, patch, preset.name, bool(machine), serial, time_scale, resolution)
+    make = make_of(scope, patch, preset.name, bool(machine), time_scale, resolution)
+    stages = stages_of(make, serial)
     elements: Elements = ()
-    operating, has_modes = None, patch.leaves_op or any(c.is_switched for c in patch.components)
-    saturates = any(stage.saturation < math.inf for stage in stages.values())
-    linear = is_linear(patch) and not saturates
+    operating, has_modes = None, patch.has_modes
+    linear = is_linear(patch) and not make.saturates
     if linear and not has_modes and not as_circuit:
         analog, steps = build_analog(patch, scope, stages)
     else:
@@ -83,11 +77,9 @@ def compile_patch(
     operation = _operation(patch, scope)
     if operation:
         steps += _mode_changes(operation, analog.inputs.index(TIMED_MODE))
-    adcs = sorted(patch.adcs, key=lambda adc: adc.name)
-    dacs = sorted(patch.dacs, key=lambda dac: dac.name)
-    tape = _tape(scope, patch, tuple(adc.name for adc in adcs), _steps_s(patch, scope))
-    timing = _timing(patch, tape, scope, time_scale)
-    scales = dict(zip(analog.signals, analog.full_scale.tolist(), strict=True))
+    tape = _tape(scope, patch)
+    timing = _timing(scope, patch, tape, time_scale)
+    samplers, holders = _converters(scope, patch, preset.name, analog, tape, timing, time_scale)
     return Machine(
         patch,
         preset.name,
@@ -96,8 +88,8 @@ def compile_patch(
         dict(overrides or {}),
         stages,
         analog,
-        tuple(_sampler(a, patch, analog, scales, preset, scope, timing, time_scale) for a in adcs),
-        tuple(_holder(d, patch, analog, tape.words, scales, preset) for d in dacs),
+        samplers,
+        holders,
         steps,
         tape,
         timing,
@@ -108,37 +100,13 @@ def compile_patch(
     )
 
 
-def _draw_stages(
-    scope: Mapping[str, float],
-    patch: Patch,
-    preset_name: str,
-    given: bool,
-    serial: int,
-    time_scale: float,
-    resolution: float,
-) -> dict[str, OutputStage]:
-    """The errors of every component; given: the preset replaces the patch's whole machine line."""
-    common = {} if given else patch.machine.errors
-    preset = PRESETS[preset_name]
-    return {
-        part.name: _output_stage(part, preset, common, serial, scope, time_scale, resolution)
-        for part in patch.analog_parts
-    }
-
-
-# Most parameters of a sweep change neither; T changes the program only where it is written in it.
-_stages = KeptByUse(_draw_stages)
-_tape = KeptByUse(lambda scope, patch, adcs, steps: _built(patch.program, adcs, scope, steps))
-
-
-def _built(
-    program: Program | None,
-    adcs: tuple[str, ...],
-    scope: Mapping[str, float],
-    steps: Sequence[float],
-) -> Tape:
-    refuse_valueless(program, scope)
-    return build_tape(program, adcs, scope, steps)
+# What follows is kept for runs that look up the same figures: T changes the program only where it is
+# written in it.
+@KeptByUse
+def _tape(scope: Mapping[str, float], patch: Patch) -> Tape:
+    steps = _steps_s(patch, scope)
+    refuse_valueless(patch.program, scope)
+    return build_tape(patch.program, tuple(adc.name for adc in _adcs(patch)), scope, steps)
 
 
 def _steps_s(patch: Patch, scope: Mapping[str, float]) -> tuple[float, ...]:
@@ -148,6 +116,10 @@ def _steps_s(patch: Patch, scope: Mapping[str, float]) -> tuple[float, ...]:
         to_seconds(ticks_of(single.period, scope)) if single.states else 0.0
         for single in (patch.program.programs if patch.program else ())
     )
+
+
+def _adcs(patch: Patch) -> list[Adc]:
+    return sorted(patch.adcs, key=lambda adc: adc.name)
 
 
 def find_preset(patch: Patch, machine: str | None) -> Preset:
@@ -186,90 +158,29 @@ def _pot_resolution(patch: Patch, scope: Mapping[str, float]) -> float:
     return found
 
 
-def _output_stage(
-    part: Component | Dac,
-    preset: Preset,
-    common: Mapping[str, Value],
-    serial: int,
+@KeptByUse
+def _converters(
     scope: Mapping[str, float],
+    patch: Patch,
+    preset_name: str,
+    analog: Analog,
+    tape: Tape,
+    timing: Timing,
     time_scale: float,
-    resolution: float,
-) -> OutputStage:
-    kind = part.kind if isinstance(part, Component) else "dac"
-
-    def figure(key: str) -> float:
-        value = part.errors.get(key) or common.get(key)
-        return _error_figure(key, value, scope) if value else preset.figure(key, kind)
-
-    tau, noise = figure("tau") * time_scale, figure("noise")
-    if 0.0 < tau < 1.0 / TICKS_PER_SECOND:
-        raise PatchError(
-            f"{part.name!r} has a lag of {tau:g} s in problem time, below a femtosecond, the resolution "
-            "of time; raise time_scale or give its tau as 0",
-            part.place,
-        )
-    if noise > 0 and tau == 0:
-        raise PatchError(
-            f"{part.name!r} has noise {noise:g} but no lag, and noise without a lag has no "
-            "bandwidth; set its noise to 0 or its tau above 0",
-            part.place,
-        )
-    tolerance, offset_limit = figure("tolerance"), figure("offset_limit")
-    gain = 1.0 + tolerance * unit_error(serial, part.name, "gain")
-    offset = figure("offset") + offset_limit * unit_error(serial, part.name, "offset")
-    if noise == 0 and isinstance(part, Component) and part.kind == "constant":
-        tau = 0.0  # settled before the run and never moves again: its lag would cost and do nothing
-    step_mu = _step_mu(part.bits, 1.0, preset) if isinstance(part, Dac) else 0.0
-    leak_limit = 0.0
-    if isinstance(part, Component) and kind in KEEPS_A_CHARGE:
-        limit = part.values.get("leak_limit") or common.get("leak_limit")
-        leak_limit = limit.number(scope) if limit else preset.leak_limit
-    return OutputStage(
-        tau,
-        gain,
-        offset,
-        noise,
-        figure("saturation"),
-        step_mu,
-        resolution,
-        tolerance,
-        offset_limit,
-        leak_limit * abs(unit_error(serial, part.name, "leak")) if leak_limit else 0.0,
-        leak_limit,
+) -> tuple[tuple[Sampler, ...], tuple[Holder, ...]]:
+    """The converters, by name."""
+    preset, scales = (
+        PRESETS[preset_name],
+        dict(zip(analog.signals, analog.full_scale.tolist(), strict=True)),
     )
-
-
-def _error_figure(key: str, value: Value, scope: Mapping[str, float]) -> float:
-    """An error of a component as given, within what makes sense."""
-    found = value.number(scope)
-    if key == "tau" and 0.0 < found < 1.0 / TICKS_PER_SECOND:
-        raise PatchError(
-            f"{value.what} is {found:g} s, below a femtosecond, the resolution of time; "
-            "give 0 for no lag",
-            value.place,
-        )
-    if key == "saturation":
-        if not LEAST_SATURATION <= found <= 1.0 / LEAST_SATURATION:
-            raise PatchError(
-                f"{value.what} is {found:g} full scales; it must be from {LEAST_SATURATION:g} to "
-                f"{1.0 / LEAST_SATURATION:g}",
-                value.place,
-            )
-        return found
-    if key != "tau" and abs(found) > 1.0:
-        raise PatchError(
-            f"{value.what} is {found:g}; it is a fraction of full scale, so at most 1 (0.01 % is 1e-4)",
-            value.place,
-        )
-    return found
-
-
-def _step_mu(bits: int | None, range_mu: float, preset: Preset) -> float:
-    """One code of a symmetric converter, codes -(2^(b-1) - 1) to 2^(b-1) - 1, so that zero is a code
-    and every value within the range is converted to half a step."""
-    if bits is None or preset.converters_exact:
-        return 0.0
-    return range_mu / ((1 << (bits - 1)) - 1)
+    dacs = sorted(patch.dacs, key=lambda dac: dac.name)
+    return (
+        tuple(
+            _sampler(a, patch, analog, scales, preset, scope, timing, time_scale)
+            for a in _adcs(patch)
+        ),
+        tuple(_holder(d, patch, analog, tape.words, scales, preset) for d in dacs),
+    )
 
 
 def _sampler(
@@ -313,7 +224,7 @@ def _sampler(
         analog.signals.index(adc.source),
         full_scale,
         range_mu,
-        _step_mu(adc.bits, range_mu, preset),
+        step_mu(adc.bits, range_mu, preset),
         not preset.converters_exact,
         adc.channel * skew,
         conversion,
@@ -335,7 +246,7 @@ def _holder(
         words.index(dac.word),
         analog.inputs.index(dac.name),
         1.0 / scales[dac.name],
-        _step_mu(dac.bits, 1.0, preset),
+        step_mu(dac.bits, 1.0, preset),
         not preset.converters_exact,
         task_of_dac(dac, program) if program and program.tasks else 0,
     )
@@ -361,7 +272,8 @@ def _operation(patch: Patch, scope: Mapping[str, float]) -> Operation | None:
     return Operation(reset, operate, hold, modes.operations)
 
 
-def _timing(patch: Patch, tape: Tape, scope: Mapping[str, float], time_scale: float) -> Timing:
+@KeptByUse
+def _timing(scope: Mapping[str, float], patch: Patch, tape: Tape, time_scale: float) -> Timing:
     program, run = patch.program, patch.run
     period = ticks_of(program.period, scope) if program else 0
     compute = period

@@ -42,11 +42,14 @@ class Value:
             value = evaluate(self.expr, scope)
         except ExpressionError as error:
             raise PatchError(f"{self.what}: {error}", self.place) from None
-        if self.positive and not value > 0:
-            raise PatchError(f"{self._told(value)}; it must be greater than 0", self.place)
-        if self.not_negative and value < 0:
-            raise PatchError(f"{self._told(value)}; it must be 0 or greater", self.place)
+        if not self.allows(value):
+            least = "greater than 0" if self.positive else "0 or greater"
+            raise PatchError(f"{self._told(value)}; it must be {least}", self.place)
         return value
+
+    def allows(self, value: float) -> bool:
+        """Whether this may be the value, in SI units."""
+        return not (self.positive and not value > 0) and not (self.not_negative and value < 0)
 
     def _told(self, value: float) -> str:
         # By the parameter alone that it is: what the command line sets may stand in another line.
@@ -375,9 +378,13 @@ class Patch:
         numbers: dict[str, float] = {}
         for name in self.parameter_order:
             value = self.parameters[name].value
-            if name in given:
-                value = replace(value, expr=Number(given[name]))
-            numbers[name] = value.number(numbers)
+            if name in given and value.allows(given[name]):
+                number = given[name]
+            elif name in given:
+                number = replace(value, expr=Number(given[name])).number(numbers)
+            else:
+                number = value.number(numbers)
+            numbers[name] = number + 0.0  # no sign of 0: what is kept of one serves for the other
         return numbers
 
     def check_settable(self, name: str) -> None:
@@ -409,6 +416,11 @@ class Patch:
         values += [dac.initial for dac in self.dacs]
         own = (component.parameters for component in self.components)
         return tuple(sorted(frozenset().union(*(names(value.expr) for value in values), *own)))
+
+    @functools.cached_property
+    def has_modes(self) -> bool:
+        """Whether the machine, or an integrator by itself, may be in another mode than OP."""
+        return self.leaves_op or any(c.is_switched for c in self.components)
 
     @property
     def leaves_op(self) -> bool:

@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 
 from hybrid.components import CATALOG
 from hybrid.errors import PatchError
-from hybrid.streams import unit_error
+from hybrid.streams import unit_errors
 
 EPS = np.finfo(float).eps
 
@@ -225,19 +225,19 @@ def test_gain_error_comes_from_the_serial_number(serial, play):
     played = play(patch(*GAINS, machine=machine) + CONVERTER)
     gains = {}
     for name, (gained, rest) in without_errors(played.time_s).items():
-        gains[name] = 1 + 0.02 * unit_error(serial, name, "gain")
+        gains[name] = 1 + 0.02 * unit_errors(serial, (name,), "gain")[0]
         np.testing.assert_allclose(played[name], gains[name] * gained + rest, rtol=0, atol=4e-15)
     assert len(set(gains.values())) == len(gains)
     assert np.all(played["exact"] == 1.0)
 
 
 def test_gain_errors_fill_their_tolerance_evenly():
-    errors = np.array([unit_error(serial, "theta", "gain") for serial in range(4000)])
+    errors = np.array([unit_errors(serial, ("theta",), "gain")[0] for serial in range(4000)])
     assert np.all(np.abs(errors) <= 1)
     # Uniform in [-1, 1): mean 0 and mean square 1/3, here within 4.5 of their deviations.
     assert abs(np.mean(errors)) < 4.5 / math.sqrt(3 * 4000)
     assert abs(np.mean(errors**2) - 1 / 3) < 4.5 * math.sqrt(4 / 45 / 4000)
-    assert unit_error(5, "theta", "gain") != unit_error(5, "alpha", "gain")
+    assert unit_errors(5, ("theta",), "gain")[0] != unit_errors(5, ("alpha",), "gain")[0]
 
 
 def test_offset_is_a_fraction_of_full_scale_and_drifts_in_an_integrator(play):
@@ -278,7 +278,7 @@ def test_settled_lag_carries_its_offset_and_gain_from_the_start(play):
             machine=machine,
         )
     )
-    expected = 1.5 * (1 + 0.02 * unit_error(4, "y", "gain")) + 0.04
+    expected = 1.5 * (1 + 0.02 * unit_errors(4, ("y",), "gain")[0]) + 0.04
     np.testing.assert_allclose(played["y"], expected, rtol=1e-15)
 
 
