@@ -6,6 +6,7 @@ converters and the timing.
 
 from __future__ import annotations
 
+import functools
 from collections.abc import Mapping
 
 from hybrid.circuits import Elements, build_circuit, is_linear
@@ -57,6 +58,21 @@ def compile_patch(
     side as elements. Raises PatchError for whatever is wrong
     with the patch, RunError for an unknown preset.
     """
+    # No sign of 0, so that equal numbers are the same number.
+    given = tuple([(name, number + 0.0) for name, number in (overrides or {}).items()])
+    return _compiled(patch, given, machine, serial, as_circuit)
+
+
+# Many runs differ in their seeds alone.
+@functools.lru_cache(maxsize=64)
+def _compiled(
+    patch: Patch,
+    given: tuple[tuple[str, float], ...],
+    machine: str | None,
+    serial: int | None,
+    as_circuit: bool,
+) -> Machine:
+    overrides = dict(given)
     scope = patch.bind(overrides)
     preset = find_preset(patch, machine)
     serial = patch.machine.serial if serial is None else serial
@@ -85,7 +101,7 @@ def compile_patch(
         preset.name,
         serial,
         scope,
-        dict(overrides or {}),
+        overrides,
         stages,
         analog,
         samplers,

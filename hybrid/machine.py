@@ -210,15 +210,17 @@ class Machine:
 
         What they give is a logic level; that it is off by tolerance and noise overloads nothing.
         """
+        comparators = [c for c in self.patch.components if c.kind == "compare"]
+        if not comparators:
+            return frozenset()
         scope, scales = (
             self.parameters,
             dict(zip(self.analog.signals, self.analog.full_scale, strict=True)),
         )
         return frozenset(
             c.name
-            for c in self.patch.components
-            if c.kind == "compare"
-            and all(
+            for c in comparators
+            if all(
                 abs(c.values[level].number(scope)) <= scales[c.name] * (1.0 + 1e-12)
                 for level in ("high", "low")
                 if level in c.values

@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 
 import hybrid
-from hybrid import circuits
+from hybrid import circuits, compiler
 from hybrid.compiler import compile_patch
-from hybrid.memo import MOST_KEPT, KeptBySize, KeptByUse
+from hybrid.memo import MOST_KEPT, KeptByObject, KeptBySize, KeptByUse, KeptLast
 
 
 def test_a_result_is_kept_while_what_it_was_made_of_stays():
@@ -63,6 +63,7 @@ def test_elements_kept_from_other_runs_are_those_made_anew(name):
         order = (patch, changed, machine, int(draw.integers(3)), True)
         kept = compile_patch(*order)
         circuits._layout.kept.clear()
+        compiler._compiled.cache_clear()
         anew = compile_patch(*order)
         assert repr(kept.elements) == repr(anew.elements)
         assert kept.analog.u0.tobytes() == anew.analog.u0.tobytes()
@@ -90,3 +91,36 @@ def test_what_is_kept_by_size_is_no_larger():
     with pytest.raises(ZeroDivisionError):
         kept.of([8], lambda _: [1 // 0])
     assert list(kept.kept) == [70, 1]
+
+
+def test_what_was_made_last_may_be_begun_with():
+    begun = []
+
+    @KeptLast
+    def squares(last, key, count):
+        begun.append(last)
+        return last if last and len(last) == count else [i * i for i in range(count)]
+
+    first = squares("a", 3)
+    assert squares("a", 3) is first
+    assert squares("b", 4) == [0, 1, 4, 9]
+    assert squares("a", 2) == [0, 1]
+    assert begun == [None, first, None, first]
+    for i in range(MOST_KEPT):
+        squares(i, 1)
+    assert len(squares.kept) == MOST_KEPT
+    squares("a", 2)
+    assert begun[-1] is None
+
+
+def test_what_is_kept_by_object_is_of_that_object_alone():
+    made = []
+    kept = KeptByObject(lambda thing: made.append(thing) or len(thing), 2)
+    things = [[1], [1], [1, 2]]
+    assert [kept(thing) for thing in things] == [1, 1, 2]
+    assert len(made) == 3
+    assert [kept(thing) for thing in things[1:]] == [1, 2]
+    assert len(made) == 3
+    assert kept(things[0]) == 1
+    assert len(made) == 4
+    assert len(kept.kept) == 2
