@@ -106,9 +106,10 @@ class _CircuitLayout(AnalogLayout):
         """By parameter the signals whose figures follow it."""
         found: dict[str, set[str]] = {name: set() for name in self.patch.analog_parameters}
         for name, part in self.parts.items():
-            read = part.sources if isinstance(part, Component) else ()
             own = part.parameters if isinstance(part, Component) else names(part.initial.expr)
-            scales = (names(self.parts[s].full_scale.expr) for s in (name, *read))
+            scales = (
+                names(self.parts[s].full_scale.expr) for s in (name, *self.sources.get(name, ()))
+            )
             for parameter in frozenset().union(own, *scales):
                 found[parameter].add(name)
         return found

@@ -66,6 +66,7 @@ class AnalogLayout:
         self.dacs = {d.name: d for d in sorted(patch.dacs, key=lambda d: d.name)}
         self.signals = tuple(sorted([*self.components, *self.dacs]))
         self.parts = {part.name: part for part in patch.analog_parts}
+        self.sources = {name: c.sources for name, c in self.components.items()}
         self.units = {s: self.parts[s].factor for s in self.signals}
         self.scale, self.cores, self.held_mu = (
             dict[str, float](),
@@ -151,7 +152,7 @@ class AnalogLayout:
             component.control,
             tuple(points),
             self.scale[component.name],
-            {signal: self.scale[signal] for signal in component.sources},
+            {signal: self.scale[signal] for signal in self.sources[component.name]},
             self.stages[component.name].saturation,
         )
 

@@ -7,6 +7,7 @@ removes the last-digit noise of arithmetic such as 3 * (T / 3), which must equal
 
 from __future__ import annotations
 
+import functools
 import math
 from decimal import ROUND_HALF_EVEN, Decimal
 
@@ -16,6 +17,8 @@ import numpy.typing as npt
 TICKS_PER_SECOND = 10**15
 
 
+# The runs of a batch ask for the same few again and again.
+@functools.lru_cache(maxsize=1024)
 def to_ticks(duration_s: float) -> int:
     """Duration in s -> whole ticks (Python int, unbounded)."""
     exact = Decimal(f"{duration_s:.15g}") * TICKS_PER_SECOND

@@ -20,8 +20,8 @@ import numpy.typing as npt
 Words = npt.NDArray[np.uint32]
 LongWords = npt.NDArray[np.uint64]
 
-# Serial numbers, or runs, whose first words are computed together.
-AT_ONCE = 64
+# Serial numbers, each with many names, and runs, whose first words are computed together.
+SERIALS_AT_ONCE, RUNS_AT_ONCE = 32, 256
 POOL = 4  # words, of SeedSequence
 MIX_LEFT, MIX_RIGHT = np.uint32(0xCA01F9DD), np.uint32(0x4973F715)
 ROUNDS = 12  # of SFC64, before the first word
@@ -56,7 +56,7 @@ def unit_errors(serial: int, names: tuple[str, ...], quantity: str) -> list[floa
     A tolerance is a limit, so the errors of a batch of components fill it evenly. Each is what
     stream(serial, "machine", name, quantity).uniform(-1, 1) gives.
     """
-    block, place = divmod(serial, AT_ONCE)
+    block, place = divmod(serial, SERIALS_AT_ONCE)
     found: list[float] = _unit_errors(block, names, quantity)[place].tolist()
     return found
 
@@ -64,21 +64,21 @@ def unit_errors(serial: int, names: tuple[str, ...], quantity: str) -> list[floa
 @functools.lru_cache(maxsize=16)
 def _unit_errors(block: int, names: tuple[str, ...], quantity: str) -> npt.NDArray[np.float64]:
     """(serials of the block, names)"""
-    serials = range(block * AT_ONCE, (block + 1) * AT_ONCE)
+    serials = range(block * SERIALS_AT_ONCE, (block + 1) * SERIALS_AT_ONCE)
     words = first_words(serials, [_key(("machine", name, quantity)) for name in names])
     return -1.0 + 2.0 * ((words >> np.uint64(11)).astype(np.float64) * 2.0**-53)
 
 
 def run_seed(seed: int, names: tuple[str, ...], run: int) -> int:
     """stream(seed, *names, str(run)).integers(2**53): a seed for each of many runs."""
-    block, place = divmod(run, AT_ONCE)
+    block, place = divmod(run, RUNS_AT_ONCE)
     return int(_run_seeds(seed, names, block)[place])
 
 
 @functools.lru_cache(maxsize=16)
 def _run_seeds(seed: int, names: tuple[str, ...], block: int) -> LongWords:
     """(runs of the block,)"""
-    runs = range(block * AT_ONCE, (block + 1) * AT_ONCE)
+    runs = range(block * RUNS_AT_ONCE, (block + 1) * RUNS_AT_ONCE)
     words = first_words([seed], [_key((*names, str(run))) for run in runs]) >> np.uint64(11)
     return words.reshape(-1)
 
