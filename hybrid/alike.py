@@ -76,7 +76,8 @@ def _run_alone(machine: Machine, seed: int, progress: Progress | None) -> Run | 
 
 def _planned(number: int, machine: Machine) -> tuple[Hashable, _Plan] | None:
     """A run and its likeness; None where it is to be played alone, be it for what is wrong with it."""
-    from hybrid.engine.series import circuit_of, fits, likeness
+    from hybrid.engine.series import fits, likeness
+    from hybrid.engine.wiring import circuit_of
 
     try:
         check_windows(machine)
@@ -85,7 +86,7 @@ def _planned(number: int, machine: Machine) -> tuple[Hashable, _Plan] | None:
         return None
     if not fits(machine, timeline):
         return None
-    circuit, pens = circuit_of(machine), pens_for(machine, readouts_only=True)
+    circuit, pens = circuit_of(machine)[0], pens_for(machine, readouts_only=True)
     like = likeness(machine, circuit, timeline, pens)
     return like, _Plan(number, machine, circuit, timeline, pens)
 

@@ -4,6 +4,7 @@ import math
 
 import numpy as np
 import pytest
+from builder import Builder
 from scipy.optimize import brentq
 
 from hybrid.elements import (
@@ -14,7 +15,6 @@ from hybrid.elements import (
     limit_pieces,
     table_pieces,
 )
-from hybrid.engine.circuit import Builder
 from hybrid.engine.corners import new_log
 from hybrid.engine.nodes import new_shelf, nodes
 from hybrid.engine.propagator import exponential_minus_one

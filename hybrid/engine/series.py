@@ -13,12 +13,11 @@ from collections.abc import Hashable, Iterator, Sequence
 import numpy as np
 
 from hybrid.beginnings import initial_words
-from hybrid.elements import INPUT
 from hybrid.engine import helper_functions, kernel
 from hybrid.engine.arrays import State
 from hybrid.engine.beyond import FULL_SCALE
 from hybrid.engine.blur import blurs
-from hybrid.engine.circuit import Builder, Circuit
+from hybrid.engine.circuit import Circuit
 from hybrid.engine.interplay import begin
 from hybrid.engine.linear import NOISE, Overloads
 from hybrid.engine.lines import RUN
@@ -33,16 +32,6 @@ from hybrid.timeline import Timeline
 
 # Bytes that the runs of a series and their records take at once.
 MOST_BYTES = 1 << 26
-
-
-def circuit_of(machine: Machine) -> Circuit:
-    """The circuit of a machine whose analog side is one."""
-    builder = Builder()
-    for name, element in machine.elements:
-        builder.add(name, element)
-        if element.kind == INPUT:
-            builder.inputs.append(name)
-    return builder.build()[0]
 
 
 def fits(machine: Machine, timeline: Timeline) -> bool:

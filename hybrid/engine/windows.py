@@ -22,7 +22,7 @@ from hybrid.engine.arrays import Floats, Plant, Score, State
 from hybrid.engine.beyond import TIMES, Overload
 from hybrid.engine.blur import Blur
 from hybrid.engine.calls import Calls
-from hybrid.engine.circuit import SOURCE, Builder
+from hybrid.engine.circuit import SOURCE
 from hybrid.engine.corners import new_log, settle
 from hybrid.engine.interplay import (
     Clock,
@@ -55,6 +55,7 @@ from hybrid.engine.sweep import (
     new_state,
 )
 from hybrid.engine.sweep import State as CircuitState
+from hybrid.engine.wiring import circuit_of
 from hybrid.machine import Machine
 from hybrid.modes import MODE_ELEMENT
 from hybrid.scale import to_seconds, to_ticks
@@ -311,15 +312,13 @@ def at_start(side: Side, inputs: Floats) -> tuple[Floats, Floats]:
 
 def side_of(machine: Machine) -> tuple[Side, tuple[str, ...]]:
     """The analog side of a run that has not started, and the names of its elements."""
-    builder = Builder()
+    circuit, number = circuit_of(machine)
     inputs = machine.analog.inputs
-    held = []
-    for name, element in machine.elements:
-        builder.add(name, element)
-        if element.kind == INPUT:
-            builder.inputs.append(name)
-            held.append(inputs.index(name.removesuffix(":source")))
-    circuit, number = builder.build()
+    held = [
+        inputs.index(name.removesuffix(":source"))
+        for name, element in machine.elements
+        if element.kind == INPUT
+    ]
     grid, state = nodes(NODES), new_state(circuit, NODES)
     logic = machine.logic
     state.watched[[number[s] for s in machine.analog.signals if s not in logic]] = 1
