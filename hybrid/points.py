@@ -43,7 +43,7 @@ from hybrid.patch import Patch, Readout
 from hybrid.played import Run
 from hybrid.prediction import Prediction, predict_each
 from hybrid.record import changed_names, patch_hash, signal_units, versions_text
-from hybrid.streams import stream
+from hybrid.streams import run_seed
 from hybrid.together import attempt, passed_on
 
 MOST_POINTS = 1_000_000
@@ -78,7 +78,7 @@ class Order:
         if isinstance(self.lot, int):
             return self.lot
         of_all, stream_names = self.lot
-        return int(stream(of_all, *stream_names, str(self.index)).integers(2**53))
+        return run_seed(of_all, stream_names, self.index)
 
 
 @dataclass(frozen=True, slots=True)

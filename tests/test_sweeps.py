@@ -12,7 +12,7 @@ import xarray as xr
 import hybrid
 from hybrid import points
 from hybrid.storage import write_dataset
-from hybrid.streams import stream
+from hybrid.streams import run_seed, stream
 
 PATCH = """
 title: Decay
@@ -161,14 +161,14 @@ def test_a_long_sweep_begins_at_once_and_an_early_interrupt_keeps_what_is_done(
     """The seeds of 300,000 points would take longer to draw than the first points to play."""
     drawn = []
 
-    def counted(seed, *names):
-        drawn.append(names)
-        return stream(seed, *names)
+    def counted(seed, names, run):
+        drawn.append(run)
+        return run_seed(seed, names, run)
 
     def interrupt(_: float) -> None:
         raise KeyboardInterrupt
 
-    monkeypatch.setattr(points, "stream", counted)
+    monkeypatch.setattr(points, "run_seed", counted)
     result = hybrid.sweep(patch, "rate", "1:2:300000", jobs=1, progress=interrupt)
     assert (result.status, len(result.points), len(drawn)) == ("interrupted", 1, 1)
     (point,) = result.points
