@@ -47,8 +47,9 @@ from hybrid.streams import run_seed
 from hybrid.together import attempt, passed_on
 
 MOST_POINTS = 1_000_000
-# Runs that are played before the others, to see how long they take: the first one loads the engine.
-PACED = 2
+# Runs that are played before the others, to see how long they take: the first one loads the engine;
+# where they are short, some more together, as the others will be.
+PACED, SHORT_S = (1, 1, 12), 10e-3
 # Points handed to a worker of a cluster at once.
 POINTS_AT_ONCE = 20
 MOST_JOBS = 1000
@@ -217,16 +218,18 @@ def _playing(
 ) -> Generator[None, None, None]:
     """Play all orders the quickest way, the points being added to the list; yields now and then."""
     most = jobs or os.cpu_count() or 1
-    timed = 0 if has_cluster() and jobs != 1 else min(PACED, len(orders))
-    pace = Pace(MOST_S / POINTS_AT_ONCE, math.inf)  # where none is timed
+    pace, timed = Pace(MOST_S / POINTS_AT_ONCE, math.inf), 0  # where none is timed
     # Those in the middle: at either end of a sweep a run may be far longer than most.
-    start = (len(orders) - timed) // 2
-    for order in orders[start : start + timed]:
-        began_s = time.perf_counter()
-        ((point, played_s),) = task.played([order])
-        points.append(point)
-        run_s = time.perf_counter() - began_s
-        pace = Pace(run_s, run_s - played_s)
+    start = (len(orders) - sum(PACED)) // 2 if len(orders) > sum(PACED) else 0
+    for count in PACED if not has_cluster() or jobs == 1 else ():
+        if timed + count > len(orders) or (count > 1 and pace.run_s > SHORT_S):
+            break
+        began_s, played_s = time.perf_counter(), 0.0
+        for point, its_s in task.played(orders[start + timed : start + timed + count]):
+            points.append(point)
+            played_s += its_s
+        run_s = (time.perf_counter() - began_s) / count
+        pace, timed = Pace(run_s, run_s - played_s / count), timed + count
         yield
     rest = [*orders[:start], *orders[start + timed :]]
     way = pace.way(len(rest), most, can_fork()) if timed else PROCESSES
