@@ -10,13 +10,11 @@ depends on the runs, so two of them are timed first. The results do not depend o
 from __future__ import annotations
 
 import gc
-import itertools
 import multiprocessing
 import signal
 import sys
 import threading
 import warnings
-from collections import Counter
 from collections.abc import Callable, Generator, Iterable, Iterator, Sequence
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass
@@ -46,8 +44,8 @@ MOST_S = 0.5
 LEAST_S = 5e-3
 # Orders side by side are so many handfuls apart, as long as there are as many.
 SPREAD = 32
-# A copy is asked for so many handfuls before it has played one: it need not wait for the next.
-AHEAD = 2
+# To take a turn takes a microsecond; who has not given it back by then was ended in the middle of it.
+LOST_S = 10.0
 # Threads are asked for the runs they have done so often.
 LOOK_S = 0.05
 
@@ -154,36 +152,53 @@ def in_forks(
     """Play all handfuls of orders in this process and `jobs` - 1 copies of it.
 
     Results are appended to `done`, those of copies a handful at a time, in the order in which they come;
-    yields after each handful. Raises what a run raises, and RunError where a copy has been ended by
-    somebody else. When it is closed early the copies are ended, and with them the handfuls under way;
-    when this process is killed they end after theirs.
+    yields now and then. Raises what a run raises, and RunError where a copy has been ended by somebody
+    else. When it is closed early the copies are ended, and with them the handfuls under way; when this
+    process is killed they end after theirs.
     """
-    todo, copies = iter(range(len(handfuls))), _Copies()
+    turns, copies = _Turns(len(handfuls)), _Copies()
+    listening = threading.Thread(target=copies.hear, args=(done,), daemon=True)
     try:
-        copies.start(min(jobs, len(handfuls)) - 1, partial(_serve, play, handfuls))
-        for pipe in copies.crew:
-            copies.ask(pipe, itertools.islice(todo, AHEAD))
-        own = next(todo, None)
-        while own is not None or copies.asked:
-            if own is not None:
-                for result in play(handfuls[own]):
-                    done.append(result)
-                yield
-            for pipe, found in copies.answers(waits=own is None):
-                done.extend(found)
-                copies.ask(pipe, itertools.islice(todo, 1))
-                yield
-            own = next(todo, None)
+        copies.start(min(jobs, len(handfuls)) - 1, partial(_serve, play, handfuls, turns))
+        listening.start()
+        while not copies.failures and (turn := turns.take()) is not None:
+            for result in play(handfuls[turn]):
+                done.append(result)
+            yield
+        while listening.is_alive():
+            listening.join(LOOK_S)
+            yield
     finally:
         copies.end()
+        if listening.ident:  # it was started, and hears that they are gone
+            listening.join()
+    if copies.failures:
+        raise copies.failures[0]
+
+
+class _Turns:
+    """Whose turn it is, in memory that copies of this process share."""
+
+    def __init__(self, count: int) -> None:
+        self.count, self.next = count, multiprocessing.get_context("fork").Value("q", 0)
+
+    def take(self) -> int | None:
+        """The number of a handful that nobody else has; None where there are no more."""
+        if not self.next.get_lock().acquire(timeout=LOST_S):
+            raise _ended()  # within this very step
+        try:
+            turn, self.next.value = int(self.next.value), self.next.value + 1
+        finally:
+            self.next.get_lock().release()
+        return turn if turn < self.count else None
 
 
 class _Copies:
-    """Copies of this process, each with a line to it, and how many answers it owes."""
+    """Copies of this process, each at the end of a line to it."""
 
     def __init__(self) -> None:
         self.crew: dict[Connection, BaseProcess] = {}
-        self.owed = Counter[Connection]()
+        self.failures: list[BaseException] = []
 
     def start(self, how_many: int, serve: Callable[..., None]) -> None:
         """Start copies that do `serve(line, ends of lines that are not theirs)`."""
@@ -192,48 +207,44 @@ class _Copies:
             # That threads do not live on in the copies; those of numpy are made anew.
             warnings.simplefilter("ignore", DeprecationWarning)
             for _ in range(how_many):
-                here, there = context.Pipe()
+                here, there = context.Pipe(duplex=False)
                 copied = (*self.crew, here)
                 self.crew[here] = context.Process(target=serve, args=(there, copied), daemon=True)
                 self.crew[here].start()
                 there.close()
 
-    def ask(self, pipe: Connection, handfuls: Iterable[int]) -> None:
-        """Ask a copy for these handfuls."""
-        for which in handfuls:
-            try:
-                pipe.send(which)
-            except OSError:
-                raise _ended() from None
-            self.owed[pipe] += 1
-
-    @property
-    def asked(self) -> list[Connection]:
-        """Lines to the copies that owe an answer."""
-        return [pipe for pipe, count in self.owed.items() if count]
-
-    def answers(self, waits: bool) -> Iterator[tuple[Connection, list[Any]]]:
-        """Handfuls of results that are there; `waits`: for one at least."""
-        for pipe in wait(self.asked, None if waits else 0.0):
-            assert isinstance(pipe, Connection)
-            self.owed[pipe] -= 1
-            yield pipe, _received(pipe)
+    def hear(self, done: list[Any]) -> None:
+        """Append results as they come, until no copy has more, or one fails."""
+        speaking = set(self.crew)
+        while speaking and not self.failures:
+            for pipe in wait(list(speaking)):
+                assert isinstance(pipe, Connection)
+                try:
+                    found = pipe.recv()
+                except (EOFError, OSError):
+                    found = _ended()
+                if isinstance(found, BaseException):
+                    self.failures.append(found)
+                elif found is None:
+                    speaking.discard(pipe)
+                else:
+                    done.extend(found)
 
     def end(self) -> None:
         """End all copies. The system takes its time to clear up after each: the next crew, or the end of
         this process, sees that they are gone."""
-        for pipe, process in self.crew.items():
+        for process in self.crew.values():
             process.terminate()
-            pipe.close()
 
 
 def _serve(
     play: Callable[[Any], Any],
     handfuls: Sequence[Any],
+    turns: _Turns,
     pipe: Connection,
     copied: Sequence[Connection],
 ) -> None:
-    """Play the handfuls that are asked for, in a copy, until it is ended or nobody is left who asks.
+    """In a copy: play handfuls while there are any and somebody hears of it.
 
     `copied`: the ends of the lines, this one's and those of earlier copies, which must be open in the
     main process alone, so that its end is heard here.
@@ -242,11 +253,12 @@ def _serve(
     gc.freeze()  # else the memory of all that there is would be copied to be looked through
     for end in copied:
         end.close()
-    with suppress(EOFError, OSError):  # the main process was killed
-        while True:
-            which = pipe.recv()
+    answer: Any = ()
+    with suppress(OSError):  # the main process was killed
+        while answer is not None and not isinstance(answer, BaseException):
             try:
-                answer: Any = list(play(handfuls[which]))
+                turn = turns.take()
+                answer = None if turn is None else list(play(handfuls[turn]))
             except BaseException as failure:  # raised again where the crew was asked for
                 answer = failure
             pipe.send(answer)
@@ -254,17 +266,6 @@ def _serve(
 
 def _ended() -> RunError:
     return RunError("a process that played runs has been ended by the system")
-
-
-def _received(pipe: Connection) -> list[Any]:
-    """A handful of results; raises what went wrong."""
-    try:
-        found = pipe.recv()
-    except (EOFError, OSError):
-        raise _ended() from None
-    if isinstance(found, BaseException):
-        raise found
-    return list(found)
 
 
 def can_fork() -> bool:

@@ -181,6 +181,7 @@ def test_a_copy_that_is_ended_from_outside_is_told() -> None:
     def play(handful: Sequence[int]) -> Sequence[int]:
         if os.getpid() != here:
             os.kill(os.getpid(), signal.SIGKILL)
+        time.sleep(0.01)
         return handful
 
     with pytest.raises(RunError, match="ended by the system"):
