@@ -232,6 +232,44 @@ run: {until: 20 ms, every: 1 ms}
         np.testing.assert_allclose(column(result, name), expected, rtol=0, atol=1e-9)
 
 
+def test_in_ic_a_limited_integrator_follows_within_its_limits():
+    """A wave of 400 Hz between -0.3 and 0.4: it comes to a limit and leaves it again."""
+    text = """
+title: Limits in IC
+analog:
+  one: {constant: 1, full_scale: 1}
+  wave: {sine: 1, frequency: 400 Hz, full_scale: 1}
+  x: {integrate: {one: 1 1/s}, initial: wave, low: -0.3, high: 0.4, full_scale: 1}
+modes: {reset: 5 ms, operate: 1 ms}
+run: {until: 4 ms, every: 0.1 ms}
+"""
+    result = play(text)
+    x = np.clip(np.sin(800 * np.pi * result.time_s), -0.3, 0.4)
+    np.testing.assert_allclose(column(result, "x"), x, rtol=0, atol=1e-12)
+
+
+OPENED = """
+title: A store whose comparator reads what is yet to settle
+analog:
+  late: {integrate: {kept: 1 1/s}, initial: low, full_scale: 1}
+  low: {constant: -0.5, full_scale: 1}
+  first: {track: late, control: always, full_scale: 1}
+  always: {compare: {low: -1}, high: 1, full_scale: 1}
+  above: {compare: {first: 1}, threshold: -0.3, high: 1, full_scale: 1}
+  kept: {track: low, control: above, initial: 0.1, full_scale: 1}
+run: {until: 0.1 ms, every: 0.05 ms}
+"""
+
+
+@pytest.mark.parametrize("machine", ["ideal", "lags"])
+def test_what_a_store_holds_at_first_outlasts_the_settling(machine):
+    """`above` is low at t = 0, as `late` begins at -0.5: `kept` holds 0.1 and was never open."""
+    result = play(OPENED, machine)
+    np.testing.assert_allclose(column(result, "kept"), 0.1, rtol=0, atol=EXACT)
+    rises = 0.1 * result.time_s - 0.5
+    np.testing.assert_allclose(column(result, "first"), rises, rtol=0, atol=1e-6)
+
+
 # -- by signals
 
 

@@ -229,7 +229,10 @@ def _set_integrator(
             piece = circuit.corners[corner, FIRST_PIECE] + 1
             low, high = circuit.pieces[piece, LOW], circuit.pieces[piece, HIGH]
             slack = SLACK_AT_REST * max(1.0, abs(w))
-            wanted = 2 if w > high + slack else 0 if w < low - slack else 1
+            # On a bound it stays in the piece that it is in.
+            least = 2 if w > high + slack else 1 if w > low + slack else 0
+            most = 0 if w < low - slack else 1 if w < high - slack else 2
+            wanted = min(max(state.piece[corner], least), most)
             while state.piece[corner] != wanted:
                 by = 1 if wanted > state.piece[corner] else -1
                 change_piece(circuit, state, corner, by, t_s, log)

@@ -9,9 +9,10 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from hybrid.elements import TRACK
 from hybrid.engine import kernel
 from hybrid.engine.arrays import Coupling, Deck, Floats, Ints, Pens, Plant, Score, State
-from hybrid.engine.circuit import Circuit
+from hybrid.engine.circuit import KIND, Circuit
 from hybrid.engine.compiling import allocating, compiled, inlined
 from hybrid.engine.corners import Log, settle
 from hybrid.engine.limited import compute
@@ -30,7 +31,7 @@ from hybrid.engine.relaxation import (
     hold_for_good,
 )
 from hybrid.engine.relaxation import Pen as WindowPen
-from hybrid.engine.sweep import FROZEN, LAST_WINDOW, ON_OVERLOAD, OVERLOAD_S, WINDOWS
+from hybrid.engine.sweep import BEFORE, FROZEN, LAST_WINDOW, ON_OVERLOAD, OVERLOAD_S, WINDOWS
 from hybrid.engine.sweep import State as CircuitState
 from hybrid.modes import OP, STOP_RUN
 
@@ -297,12 +298,16 @@ def settle_loops(side: Side, held: Floats) -> None:
 
     Each pass lets every output that follows at once or settles follow its inputs; in a loop of gain
     below 1 the passes converge. Where they do not, the run begins from a single pass, as a circuit does.
+    Stores begin each pass with what they are to hold at first, as a comparator may open them on the way.
     """
-    state = side.state
+    state, rows = side.state, side.circuit.rows
     state.held[:] = held
     start, memory, piece = state.start.copy(), state.memory.copy(), state.piece.copy()
     for _ in range(MOST_PASSES):
         before = state.start.copy()
+        for e in range(rows.shape[0]):
+            if rows[e, KIND] == TRACK:
+                state.memory[e, BEFORE] = side.circuit.initial[e, 0]
         settle(side.circuit, state, state, 0.0, 0.0, side.log, True, 0.0)
         rests = True
         for e in range(before.shape[0]):  # never, where a quotient has no figure
