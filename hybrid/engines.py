@@ -41,7 +41,7 @@ def engine_of(machine: Machine, engine: str) -> str:
     if engine == "auto":
         return "nonlinear" if machine.elements else "exact"
     if engine == "exact" and machine.elements:
-        _refuse_modes(machine, engine)
+        _refuse_modes(machine)
         if is_linear(machine.patch) and not _saturates(machine):
             raise RunError(
                 "this machine was compiled for other engines than the exact one; give the patch"
@@ -53,18 +53,16 @@ def engine_of(machine: Machine, engine: str) -> str:
         raise RunError(
             f"this machine was compiled for the exact engine; give the patch to play it on {engine!r}"
         )
-    if engine == "reference":
-        _refuse_modes(machine, engine)
-        if machine.on_overload != CONTINUE:
-            raise PatchError(
-                "the reference engine knows no on_overload but continue; take nonlinear",
-                machine.patch.run.until.place,
-            )
+    if engine == "reference" and machine.on_overload != CONTINUE:
+        raise PatchError(
+            "the reference engine knows no on_overload but continue; take nonlinear",
+            machine.patch.run.until.place,
+        )
     return engine
 
 
-def _refuse_modes(machine: Machine, engine: str) -> None:
-    """Only the nonlinear engine knows more than OP."""
+def _refuse_modes(machine: Machine) -> None:
+    """The exact engine knows OP alone."""
     patch = machine.patch
     switched = [c for c in patch.components if c.is_switched]
     places = [c.place for c in switched] or [patch.run.until.place]
@@ -72,7 +70,7 @@ def _refuse_modes(machine: Machine, engine: str) -> None:
         place = patch.modes.place if patch.modes else places[0]
         who = "the machine leaves OP" if patch.leaves_op else f"{switched[0].name} has its own"
         raise PatchError(
-            f"the {engine} engine plays no modes (IC, HOLD), and {who}; take nonlinear", place
+            f"the exact engine plays no modes (IC, HOLD), and {who}; take nonlinear", place
         )
 
 

@@ -633,15 +633,18 @@ def test_on_overload_names_its_choices():
         parse_patch(RAMP.replace("every: 0.5 ms", "every: 0.5 ms, on_overload: halt"))
 
 
-@pytest.mark.parametrize("engine", ["exact", "reference"])
-def test_only_the_nonlinear_engine_plays_modes(engine):
-    for text in (RAMP, overloaded("hold"), overloaded("stop")):
-        if engine == "exact" and text == overloaded("stop"):
-            text = text.replace("  bent: {absolute: y, full_scale: 2}\n", "")
-            assert run(parse_patch(text), engine=engine).status == "stopped"
-            continue
+def test_the_exact_engine_plays_no_modes_but_stops():
+    for text in (RAMP, overloaded("hold")):
         with pytest.raises(PatchError, match="take nonlinear"):
-            run(parse_patch(text), machine="ideal", engine=engine)
+            run(parse_patch(text), machine="ideal", engine="exact")
+    text = overloaded("stop").replace("  bent: {absolute: y, full_scale: 2}\n", "")
+    assert run(parse_patch(text), engine="exact").status == "stopped"
+
+
+@pytest.mark.parametrize("what", ["hold", "stop"])
+def test_the_reference_refuses_what_an_overload_does(what):
+    with pytest.raises(PatchError, match="knows no on_overload but continue; take nonlinear"):
+        run(parse_patch(overloaded(what)), machine="ideal", engine="reference")
 
 
 def test_the_trial_run_of_check_goes_on_beyond_an_overload():

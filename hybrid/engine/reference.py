@@ -11,63 +11,30 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from dataclasses import dataclass, field
-from typing import Literal, NamedTuple
+from typing import Literal
 
 import numpy as np
 from scipy.integrate import solve_ivp
 
-from hybrid.elements import (
-    ANGLE,
-    COS,
-    INPUT,
-    INTEGRATE,
-    PIECES,
-    POWER,
-    PRODUCT,
-    QUOTIENT,
-    SIN,
-    SINE,
-    SQRT,
-    SUM,
-    SWITCH,
-    TRACK,
-)
+from hybrid.elements import INTEGRATE, TRACK
 from hybrid.engine.arrays import Floats
 from hybrid.engine.circuit import (
-    AMPLITUDE,
-    AT,
     C0,
-    C1,
-    C2,
-    CONSTANT,
-    CONTROL,
-    CORNER,
-    END,
     END_PIECE,
-    EXPONENT,
-    FEEDBACK,
-    FIRST,
-    FIRST_PIECE,
-    GAIN,
     HIGH,
     KIND,
     LAG,
-    LEAK,
     LOW,
     OF_INTEGRATOR,
-    OFFSET,
-    OMEGA,
     OWNER,
-    PHASE,
     ROLE,
-    SECOND,
-    SECOND_CONSTANT,
-    STOP,
     Circuit,
 )
+from hybrid.engine.forward import Forward, NotResolved, Values
 from hybrid.engine.kernel import RUNAWAY_MU
 from hybrid.engine.switching import since
 from hybrid.engine.too_often import Chatters, Count, Gathers
+from hybrid.modes import IC
 
 # A guard this far beyond its bound at rest means another piece; events are located better than that.
 SLACK = 1e-11
@@ -78,61 +45,27 @@ MOST_EVENTS = 10_000
 SHORT = 1e-3
 
 Method = Literal["DOP853", "Radau"]
+# An explicit method takes steps of a lag or two, however smooth the signals are; with more of the
+# shortest lag than this in the run, the implicit method is faster.
+MANY_LAGS = 1000
+
+
+def method_for(circuit: Circuit, until_s: float) -> Method:
+    """The method that is the faster one for so long a run."""
+    shortest_s = float(circuit.taus_s[0]) if len(circuit.taus_s) else 0.0
+    return "Radau" if until_s > MANY_LAGS * shortest_s > 0.0 else "DOP853"
 
 
 class RunsAway(RuntimeError):
     """A signal is far beyond any scale, or no number."""
 
 
-class NotResolved(RuntimeError):
-    """The integrator found no step short enough."""
-
-
-@dataclass
-class Values:
-    """Everything at one instant, for n elements."""
-
-    signal: Floats  # (n,): outputs
-    before: Floats  # (n,): outputs before their lags
-    drive: Floats  # (n,): what integrators integrate
-    guard: Floats  # (corners,)
-
-
-class Part(NamedTuple):
-    """One element in plain numbers, which Python reads faster than arrays."""
-
-    kind: int
-    first: list[tuple[int, float]]  # signal, gain
-    second: list[tuple[int, float]]
-    control: int
-    corner: int
-    stop: int
-    rate: float  # of its lag, 1/s; -1: it has none
-    figures: list[float]
-
-
-def _parts(circuit: Circuit) -> list[Part]:
-    terms = list(zip(circuit.signal.tolist(), circuit.gain.tolist(), strict=True))
-    return [
-        Part(
-            row[KIND],
-            terms[row[FIRST] : row[SECOND]],
-            terms[row[SECOND] : row[END]],
-            row[CONTROL],
-            row[CORNER],
-            row[STOP],
-            float(circuit.laws[row[LAG], 0]) if row[LAG] >= 0 else -1.0,
-            figures,
-        )
-        for row, figures in zip(circuit.rows.tolist(), circuit.figures.tolist(), strict=True)
-    ]
-
-
 @dataclass
 class Reference:
-    """One run in progress; `x` and `y` are the states of integrators and of lags.
+    """One run in progress; `x` is what integrators and stores remember, `y` what lags do, both (n,).
 
-    It knows no modes: its integrators are in OP.
+    In IC an integrator follows its initial value, as a store does that is open its input; `x` has what
+    they followed last, which they keep where a jump sets them free.
     """
 
     circuit: Circuit
@@ -151,23 +84,30 @@ class Reference:
     def __post_init__(self) -> None:
         """Start with lags settled, unless the circuit says otherwise."""
         rows, initial = self.circuit.rows, self.circuit.initial
-        self.parts, self.pieces = _parts(self.circuit), self.circuit.pieces.tolist()
-        self.first_piece = self.circuit.corners[:, FIRST_PIECE].tolist()
-        self.x = np.where(rows[:, KIND] == INTEGRATE, initial[:, 0], 0.0)
+        self.forward = Forward(self.circuit, self.held)
+        self.piece = self.forward.piece
+        self.x = np.where(np.isin(rows[:, KIND], (INTEGRATE, TRACK)), initial[:, 0], 0.0)
         self.y = np.nan_to_num(initial[:, 1])
-        self.stored = initial[:, 0].copy()
-        self.stored_s = np.full(len(rows), self.now_s)
-        self._freed: set[int] = set()  # limited integrators, at this instant
-        self.stores = np.flatnonzero(rows[:, KIND] == TRACK).tolist()
-        self.piece = self.circuit.initial_piece.tolist()
+        self._crossed: dict[
+            int, float
+        ] = {}  # guards of corners that come to a bound at this instant
         follows = np.isnan(initial[:, 1]) & (rows[:, LAG] >= 0)
+        self.forward.starting = True
+        stores = rows[:, KIND] == TRACK
         for _ in range(len(rows) + 1):  # each pass settles at least one more lag of a chain
+            self.x[stores] = initial[stores, 0]  # what opens one on the way does not count
             self.y[follows] = self._settled(0.0).before[follows]
+        self.forward.starting = False
+        self._settled(0.0)
         self.events.clear()
 
     def signals(self) -> Floats:
         """Every signal now (n,)."""
-        return self._settled(self.now_s).signal
+        return self.values().signal
+
+    def values(self) -> Values:
+        """Everything now."""
+        return self._settled(self.now_s)
 
     def signals_after(self, span_s: float) -> Floats:
         """Every signal (n,) so shortly after now that states go straight."""
@@ -179,20 +119,8 @@ class Reference:
         return soon
 
     def follow(self, held: Floats) -> None:
-        """Take over what the caller holds from now on; stores keep what they had before."""
-        before, were_high = self._values(self.now_s).before, self._open_stores()
-        self.held = held
-        self._keep(were_high - self._open_stores(), before)
-
-    def _open_stores(self) -> set[int]:
-        """Stores that follow their input now."""
-        before = self._values(self.now_s).before.tolist()
-        return {e for e in self.stores if self._is_high(self.parts[e].control, before)}
-
-    def _keep(self, stores: set[int], before: Floats) -> None:
-        """Stores that begin to hold keep these outputs."""
-        for e in stores:
-            self.stored[e], self.stored_s[e] = before[e], self.now_s
+        """Take over what the caller holds from now on."""
+        self.held = self.forward.held = held
 
     def play(self, duration_s: float, instants_s: Floats | None = None) -> Floats:
         """Go on with the present held inputs; the signals at instants after the start (rows, n).
@@ -228,6 +156,7 @@ class Reference:
                 rows[row] = self._values(begin + instants[row]).signal
             self.x, self.y = np.split(solution.y[:, -1], 2)
             self.now_s = solution.t[-1]
+            self.x = self._values(self.now_s).kept
             # The last step may have been cut short by the end.
             self.step_s = float(np.max(np.diff(solution.t)[-2:], initial=0.0))
             if solution.status < 0:
@@ -254,119 +183,68 @@ class Reference:
     def _slope(self, t_s: float, z: Floats) -> Floats:
         self.x, self.y = np.split(z, 2)
         values = self._values(t_s)
-        count = len(self.parts)
+        count = len(self.x)
         slope = np.zeros(2 * count)
-        for e, part in enumerate(self.parts):
-            if part.kind == INTEGRATE and (part.corner < 0 or self.piece[part.corner] == 1):
-                slope[e] = values.drive[e] + part.figures[FEEDBACK] * self.x[e]
+        for e, part in enumerate(self.forward.parts):
+            if part.corner < 0 or part.kind != INTEGRATE or self.piece[part.corner] == 1:
+                slope[e] = values.drive[e]
             if part.rate >= 0.0:
                 slope[count + e] = part.rate * (values.before[e] - self.y[e])
         return slope
 
     def _values(self, t_s: float) -> Values:
-        """All signals for the present states and pieces, by forward substitution."""
-        x, signal, count = self.x.tolist(), self.y.tolist(), len(self.parts)
-        before, drive = [0.0] * count, [0.0] * count
-        guard = [0.0] * len(self.circuit.corners)
-        for e, part in enumerate(self.parts):
-            if part.kind == INTEGRATE and part.rate < 0.0:
-                signal[e] = self._output(part, x[e], guard)
-        for e, part in enumerate(self.parts):
-            figures, kind = part.figures, part.kind
-            u, w = figures[CONSTANT], figures[SECOND_CONSTANT]
-            for source, gain in part.first:
-                u += gain * signal[source]
-            for source, gain in part.second:
-                w += gain * signal[source]
-            if kind == INTEGRATE:
-                drive[e], value = u, x[e]
-                if part.corner >= 0:
-                    free = self.piece[part.corner] == 1
-                    guard[part.corner] = value if free else u + figures[FEEDBACK] * value
-            elif kind == PIECES:
-                guard[part.corner] = u
-                value = self._piece_value(part.corner, u)
-            elif kind == SWITCH:
-                value = u if self._is_high(part.control, before) else w
-            elif kind == TRACK:
-                value = u
-            elif kind == INPUT:
-                value = float(self.held[part.control])
-            elif kind == SINE:
-                value = figures[AMPLITUDE] * math.sin(figures[OMEGA] * t_s + figures[PHASE])
-            else:
-                value = _FUNCTIONS[kind](u, w, figures[EXPONENT])
-                if kind == ANGLE:
-                    value, guard[part.corner] = _angle(value, self.piece[part.corner])
-            if kind == TRACK and not self._is_high(part.control, before):
-                age_s = t_s - self.stored_s[e]
-                before[e] = float(self.stored[e]) * math.exp(-figures[LEAK] * age_s)
-            else:
-                before[e] = self._output(part, value, guard)
-            if part.rate < 0.0:
-                signal[e] = before[e]
-        return Values(np.array(signal), np.array(before), np.array(drive), np.array(guard))
-
-    def _output(self, part: Part, value: float, guard: list[float]) -> float:
-        value = part.figures[GAIN] * value + part.figures[OFFSET]
-        if part.stop >= 0:
-            guard[part.stop] = value
-            value = self._piece_value(part.stop, value)
-        return value
-
-    def _row(self, corner: int) -> list[float]:
-        row: list[float] = self.pieces[self.first_piece[corner] + self.piece[corner]]
-        return row
-
-    def _piece_value(self, corner: int, g: float) -> float:
-        row = self._row(corner)
-        x = g - row[AT]
-        return row[C0] + row[C1] * x + row[C2] * x * x
-
-    def _is_high(self, by: int, before: list[float]) -> bool:
-        part = self.parts[by]
-        return self.piece[part.corner] > 0 if part.kind == PIECES else before[by] > 0.5
+        """All signals for the present states and pieces."""
+        return self.forward.values(t_s, self.x, self.y)
 
     def _settled(self, t_s: float) -> Values:
-        """Values at an instant, after every piece that does not hold has been changed."""
+        """Values right after a jump, every piece that does not hold having been changed in order.
+
+        What comes before such a piece in the order has followed by then, and keeps that where a change
+        sets it free; what comes after it has not.
+        """
         for _ in range(MOST_EVENTS):
-            values = self._values(t_s)
+            values = self.forward.once(t_s, self.x, self.y)
             for corner in range(len(self.circuit.corners)):
                 step = self._outside(corner, values)
                 if step != 0:
+                    done = self.circuit.corners[corner, OWNER]
+                    self.x[:done] = values.kept[:done]
                     self._go(corner, step)
                     break
             else:
-                return values
+                followed = self.forward.moves(self.x, values.kept)
+                self.x = values.kept
+                if not followed:
+                    return values
         raise Chatters("pieces do not settle")
 
     def _outside(self, corner: int, v: Values) -> int:
         """Which way the guard is out of its piece."""
-        row, g = self._row(corner), v.guard[corner]
+        row, g = self.forward.row(corner), v.guard[corner]
         slack = SLACK * max(1.0, abs(g))
         e = self.circuit.corners[corner, OWNER]
-        if self.circuit.corners[corner, ROLE] == OF_INTEGRATOR and self.piece[corner] == 1:
-            if corner in self._freed:
+        stops = self.circuit.corners[corner, ROLE] == OF_INTEGRATOR and v.mode[e] != IC
+        if stops and self.piece[corner] == 1:
+            if corner in self._crossed:
                 return 0
-            drive = v.drive[e] + self.circuit.figures[e, FEEDBACK] * g
+            drive = v.drive[e]
             if g >= row[HIGH] and drive > SLACK * max(1.0, abs(drive)):
                 return 1
             return -1 if g <= row[LOW] and drive < -SLACK * max(1.0, abs(drive)) else 0
+        if g == self._crossed.get(corner):
+            return 0
         if g > row[HIGH] + slack:
             return 1
         return -1 if g < row[LOW] - slack else 0
 
     def _go(self, corner: int, step: int) -> None:
         e = self.circuit.corners[corner, OWNER]
-        before = self._values(self.now_s)
         self.piece[corner] += step
         self.step_s = 0.0
         assert self.piece[corner] < self.circuit.corners[corner, END_PIECE]
         self.events.append((self.now_s, int(e), int(self.piece[corner])))
         if self.circuit.corners[corner, ROLE] == OF_INTEGRATOR and self.piece[corner] != 1:
-            self.x[e] = self._row(corner)[C0]
-        if step < 0:
-            self._keep({s for s in self.stores if self.parts[s].control == e}, before.before)
+            self.x[e] = self.forward.row(corner)[C0]
 
     def _events(self) -> list[Callable[[float, Floats], float]]:
         """A terminal event for each bound of each present piece.
@@ -378,7 +256,7 @@ class Reference:
         self._watched: list[tuple[int, int]] = []
         guard = self._values(self.now_s).guard
         for corner in range(len(self.circuit.corners)):
-            row, g = self._row(corner), guard[corner]
+            row, g = self.forward.row(corner), guard[corner]
             for bound, step in ((row[HIGH], 1), (row[LOW], -1)):
                 if math.isfinite(bound):
                     beyond = step * (g - bound) >= 0.0
@@ -400,10 +278,12 @@ class Reference:
     def _change_piece(self, times_s: list[Floats]) -> None:
         """Change what has come to its bound, and all that follows; raises Chatters and Gathers.
 
-        Time has no digits to tell that a drive is beyond 0 by more than SLACK where it falls fast, so
-        that an integrator which it has just freed is not stopped again at the same instant.
+        Time has no digits to tell on which side of its bound a fast guard is, by more than SLACK: so
+        what has just left its piece is not put back at the same instant, but where something jumps, nor
+        is an integrator stopped again which its drive has just freed.
         """
         reason: Chatters | Gathers | None = None
+        guard = self._values(self.now_s).guard
         for (corner, step), times in zip(self._watched, times_s, strict=True):
             if len(times):
                 try:
@@ -411,10 +291,9 @@ class Reference:
                 except (Chatters, Gathers) as too_often:
                     reason = too_often
                 self._go(corner, step)
-                if self.circuit.corners[corner, ROLE] == OF_INTEGRATOR and self.piece[corner] == 1:
-                    self._freed.add(corner)
+                self._crossed[corner] = float(guard[corner])
         self._settled(self.now_s)
-        self._freed.clear()
+        self._crossed.clear()
         if reason:
             raise reason
 
@@ -424,7 +303,7 @@ class Reference:
         A guard that falls back as a ball does, at a constant rate, swings by slope * interval / 4.
         """
         if self.count:
-            row = self._row(corner)
+            row = self.forward.row(corner)
             span_s = since(self.count.changes, corner, step, self.now_s)
             swing = 0.25 * abs(self._guard_slope(corner, SHORT * span_s)) * span_s
             bound = row[HIGH] if step > 0 else row[LOW]
@@ -443,15 +322,6 @@ class Reference:
         return float(after - before) / over_s
 
 
-def _angle(angle: float, piece: int) -> tuple[float, float]:
-    """An angle beyond its cut, and how far it is from where its piece, 0 below or 1 above, ends."""
-    side = 1.0 if piece else -1.0
-    turned = side * angle
-    if turned < -0.5 * math.pi:
-        turned += 2.0 * math.pi
-    return side * turned, side * (math.pi - turned) * (turned + 1.0)
-
-
 def _far_out(t_s: float, z: Floats) -> float:
     """An event where a state is beyond any scale; one that is no number is not within it either."""
     within = np.abs(z) <= RUNAWAY_MU
@@ -459,14 +329,3 @@ def _far_out(t_s: float, z: Floats) -> float:
 
 
 _far_out.terminal = True  # type: ignore[attr-defined]
-
-_FUNCTIONS: dict[int, Callable[[float, float, float], float]] = {
-    SUM: lambda u, w, p: u,
-    PRODUCT: lambda u, w, p: u * w,
-    QUOTIENT: lambda u, w, p: float(np.divide(u, w)),
-    SQRT: lambda u, w, p: math.sqrt(max(u, 0.0)),
-    SIN: lambda u, w, p: float(np.sin(u)),
-    COS: lambda u, w, p: float(np.cos(u)),
-    ANGLE: lambda u, w, p: float(np.arctan2(u, w)),
-    POWER: lambda u, w, p: math.copysign(abs(u) ** p, u),
-}

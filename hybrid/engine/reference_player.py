@@ -13,13 +13,15 @@ import numpy as np
 from hybrid.engine import kernel
 from hybrid.engine.arrays import Floats, Score, State
 from hybrid.engine.beyond import Overload
+from hybrid.engine.forward import NotResolved
 from hybrid.engine.linear import Player
 from hybrid.engine.lost import Lost, runaway, steepest
-from hybrid.engine.reference import Method, NotResolved, Reference, RunsAway
+from hybrid.engine.reference import Reference, RunsAway, method_for
 from hybrid.engine.remarks import refuse_undefined
 from hybrid.engine.sweep import CALLED, ENDED_BY
 from hybrid.engine.too_often import Chatters, Count, Gathers
 from hybrid.engine.windows import CircuitPlayer
+from hybrid.modes import OP
 from hybrid.scale import to_seconds
 
 # Cues between two looks at the progress bar.
@@ -27,9 +29,6 @@ CHUNK_CUES = 50
 # Of every signal, and a hundredth of it where that is zero: some hundred times better than what the
 # nonlinear engine promises, without the steps becoming too short for the implicit method.
 TOLERANCE = 1e-10
-# An explicit method takes steps of a lag or two, however smooth the signals are; with more of the
-# shortest lag than this in the run, the implicit method is faster.
-MANY_LAGS = 1000
 # Of the time, to see how fast signals change.
 SOON = 1e-14
 # Beyond full scale by more than the integrator's own error.
@@ -85,13 +84,10 @@ class ReferencePlayer(CircuitPlayer):
         """Every signal settled at t = 0."""
         state = Player._first_state(self)
         count = len(self.machine.analog.signals)
-        shown = np.zeros(count + 1)  # and the machine's mode, which it does not leave
+        shown = np.zeros(count + 1)  # and the machine's mode
         state = state._replace(v=np.concatenate([shown, state.v]), next_v=np.zeros(count + 1))
-        circuit, shortest_s = self.side.circuit, 0.0
-        if len(circuit.taus_s):
-            shortest_s = float(circuit.taus_s[0])
-        until_s = to_seconds(self.machine.timing.until)
-        method: Method = "Radau" if until_s > MANY_LAGS * shortest_s > 0.0 else "DOP853"
+        circuit = self.side.circuit
+        method = method_for(circuit, to_seconds(self.machine.timing.until))
         held = self.machine.analog.u0[self.side.held]
         with np.errstate(all="ignore"):
             self.reference = Reference(circuit, held, TOLERANCE, TOLERANCE / 100, method)
@@ -100,13 +96,18 @@ class ReferencePlayer(CircuitPlayer):
         first = settled[self.side.place]
         self.beyond = _Beyond(0.0, first)
         self.reference.look = self._look
-        state.v[:count] = first
+        state.v[:count], state.v[count] = first, self._mode(settled)
         self.calls.listen(self.side.state)
         self.reference.ends_at = self.calls.pieces
         self.count = Count(circuit, self.side.state.changes)
         self.reference.count = self.count
         self.reference.events.clear()
         return state
+
+    def _mode(self, signals: Floats) -> float:
+        """The machine's mode among the signals of all elements."""
+        by = int(self.side.mode[0])
+        return float(signals[by]) if by >= 0 else OP
 
     def _look(self, t_s: float, signals: Floats) -> None:
         """See every step of the integrator; signals of all elements."""
@@ -156,13 +157,14 @@ class ReferencePlayer(CircuitPlayer):
             with np.errstate(all="ignore"):
                 if advances:
                     reference.play(float(clock.intervals_s[cue[1]]))
-                signals = reference.signals()[self.side.place]
+                every = reference.signals()
         except (Chatters, Gathers, RunsAway, NotResolved) as reason:
             self.side.stopped_s[0] = reference.now_s
             self.side.state.counts[ENDED_BY] = self.count.ended_by
             return OUTCOMES[type(reason)]
+        signals = every[self.side.place]
         self.beyond(reference.now_s, signals)
-        v[: len(signals)] = signals
+        v[: len(signals)], v[len(signals)] = signals, self._mode(every)
         if advances and self._switched():
             self.side.called_s[0] = reference.now_s - began_s
             return kernel.CALLED
@@ -175,10 +177,13 @@ class ReferencePlayer(CircuitPlayer):
     def lost(self) -> Lost | None:
         """Which signal went beyond any scale, or changes fastest where no step is short enough."""
         with np.errstate(all="ignore"):
-            signals = self.reference.signals_after(0.0)
-            if self.outcome == kernel.NOT_RESOLVED:
+            try:
+                signals = self.reference.signals_after(0.0)
                 soon = self.reference.signals_after(SOON * max(self.reference.now_s, SOON))
-                return steepest(self.side.circuit, self.names, signals, soon)
+            except NotResolved:
+                return self._farthest()
+        if self.outcome == kernel.NOT_RESOLVED:
+            return steepest(self.side.circuit, self.names, signals, soon)
         scale = kernel.RUNAWAY_MU / FULL_SCALE  # where it stops, but for its own error
         return runaway(self.side.circuit, self.names, signals, scale) or self._farthest()
 
