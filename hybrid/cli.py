@@ -378,7 +378,7 @@ def check_command(options: argparse.Namespace) -> int:
     from hybrid.engines import engine_of
 
     machine = machine_of(patch, parameters, options.machine, options.serial)
-    if not options.no_trial or machine.elements:
+    if not options.no_trial:
         say_if_compiling(machine, engine_of(machine, "auto"))
     result = check(machine, trial=not options.no_trial)
     if options.json:

@@ -132,13 +132,13 @@ def rate_test(
 ) -> tuple[RateRow, ...]:
     """One row for each integrator; `rates_mu`: their rates at t = 0, by calculation.
 
-    What is shown is without noise.
+    What is shown is without noise. Without a trial run no window need be compiled for it.
     """
     names = sorted(c.name for c in machine.patch.components if c.kind == "integrate")
     if not names:
         return ()
     given = np.array([rates_mu[name] for name in names])
-    start, step_s, wait_s = _first_moments(machine, given)
+    start, step_s, wait_s = _first_moments(machine, given, trial is None)
     try:
         expected, allowed = _by_hand(machine, names)
     except PatchError:  # 0/0, which errors turn into a figure
@@ -228,7 +228,7 @@ def _with_stages(machine: Machine, stages: dict[str, OutputStage]) -> Machine:
     return replace(machine, stages=stages, analog=analog)
 
 
-def _first_moments(machine: Machine, rates_mu: Floats) -> tuple[Start, float, float]:
+def _first_moments(machine: Machine, rates_mu: Floats, plainly: bool) -> tuple[Start, float, float]:
     """The machine in its first moments; length of an interval, and wait before the first, in s."""
     wait_s = WAIT_LAGS * max((stage.tau for stage in machine.stages.values()), default=0.0)
     fastest = float(np.max(np.abs(rates_mu), initial=0.0))
@@ -238,10 +238,10 @@ def _first_moments(machine: Machine, rates_mu: Floats) -> tuple[Start, float, fl
     # What noise spreads is half the work, and not asked for.
     analog = replace(machine.analog, noise=np.zeros((len(machine.analog.states), 0)))
     quiet = replace(machine, analog=analog)
-    start = first_rates(quiet, wait_s, step_s, INTERVALS)
+    start = first_rates(quiet, wait_s, step_s, INTERVALS, plainly)
     if start.switched:
         step_s /= SHORTER
-        start = first_rates(quiet, wait_s, step_s, INTERVALS)
+        start = first_rates(quiet, wait_s, step_s, INTERVALS, plainly)
     return start, step_s, wait_s
 
 
