@@ -249,6 +249,7 @@ class CircuitPlayer(Player):
         given = self._given(score, normals, stop_repeat, stop_cue)
         if len(self.deck.length_of):
             return int(play_limited_circuit(self.noise, self.random, *given, self.side, self.clock))
+        self.lines.outcomes[0] = kernel.PAUSED  # whatever it came back for has been seen to
         outcome = self._play_lines(given, self.rows[None], self.lines, self.random)
         return outcome if outcome == kernel.PAUSED else int(self.lines.outcomes[0])
 
