@@ -156,6 +156,17 @@ def test_serial_numbers(monkeypatch):
     assert len({run.readouts["mean"]["value"] for run in runs}) == 4
 
 
+def test_other_leaks_are_other_laws(monkeypatch):
+    text = LOOP.replace("preset: lags", "preset: lags, leak_limit: 1 1/s")
+    serials = [0, 1, 0, 1, 2]
+    runs = check(
+        compiled(text, [{"gain": g} for g in (100.0, 200.0) * 2] + [{}], None, serials),
+        monkeypatch,
+        4,
+    )
+    assert len({run.readouts["mean"]["value"] for run in runs}) == 3
+
+
 def test_noise_over_corners_is_measured_for_each(monkeypatch):
     text = SERVO.replace("saturation: 1.05", "noise: 3e-2, saturation: 1.05")
     machines = compiled(text.replace("30 ms", "3 ms"), [{"start": s} for s in (0.2, 0.5, 0.9)])

@@ -43,8 +43,11 @@ def fits(machine: Machine, timeline: Timeline) -> bool:
 def likeness(
     machine: Machine, circuit: Circuit, timeline: Timeline, pens: tuple[Pen, ...]
 ) -> Hashable:
-    """What all runs of one series have in common, as long as these objects live."""
-    shared = (timeline, circuit.rows, machine.tape, coupling_of(machine))
+    """What all runs of one series have in common, as long as these objects live.
+
+    Circuits that share their laws share all but `FIGURES`.
+    """
+    shared = (timeline, circuit.laws, machine.tape, coupling_of(machine))
     corners = range(len(circuit.corners)) if len(circuit.noisy) else ()
     return (*map(id, shared), pens, machine.logic, *(blurs(circuit, c) for c in corners))
 
