@@ -39,6 +39,7 @@ from hybrid.errors import HybridError, RunError, counted
 from hybrid.expressions import names, to_text
 from hybrid.linearity import brief
 from hybrid.machine import Machine
+from hybrid.one_thread import one_thread
 from hybrid.patch import Patch, Readout
 from hybrid.played import Run
 from hybrid.prediction import Prediction, predict_each
@@ -189,6 +190,7 @@ def check_jobs(jobs: int | None) -> None:
         whole_number("jobs", jobs, 1, MOST_JOBS)
 
 
+@one_thread
 def play_all(
     task: Task,
     orders: Sequence[Order],

@@ -21,6 +21,7 @@ from hybrid.errors import PatchError, known_as
 from hybrid.growth import growth_text
 from hybrid.indicators import overloads_of
 from hybrid.machine import Machine, Pen
+from hybrid.one_thread import one_thread
 from hybrid.played import Run
 from hybrid.read_out import read_out
 from hybrid.record import full_scales, pens_for, signal_units
@@ -33,6 +34,7 @@ Progress = Callable[[float], None]
 LARGEST_SEED = 2**63 - 1
 
 
+@one_thread
 def run(
     patch: Source | Machine,
     parameters: Parameters | None = None,
