@@ -8,37 +8,20 @@ from __future__ import annotations
 import time
 from collections import defaultdict
 from collections.abc import Hashable, Iterator, Sequence
-from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 from hybrid.errors import HybridError
-from hybrid.machine import Machine, Pen
+from hybrid.machine import Machine
 from hybrid.played import Run
 from hybrid.record import pens_for
 from hybrid.runs import Progress, check_windows, finished, run, thinning
-from hybrid.timeline import Timeline, build_timeline
+from hybrid.timeline import build_timeline
 from hybrid.together import attempt
 
 if TYPE_CHECKING:
-    from hybrid.engine.circuit import Circuit
+    from hybrid.engine.series import Order
 
 Result = tuple[int, Run | HybridError]
-
-
-@dataclass(frozen=True, slots=True)
-class _Plan:
-    """A run that can be played with others."""
-
-    number: int
-    machine: Machine
-    circuit: Circuit
-    timeline: Timeline
-    pens: tuple[Pen, ...]
-
-    @property
-    def bytes(self) -> int:
-        """What its record takes."""
-        return 8 * len(self.pens) * self.timeline.rows
 
 
 def run_each(
@@ -48,18 +31,12 @@ def run_each(
 
     Runs that were complete when a KeyboardInterrupt came are given before it is raised.
     """
-    kinds = defaultdict[Hashable, list[_Plan]](list)
     alone = set(range(len(machines)))
     if sum(bool(machine.elements) for machine in machines) > 1:
-        for number in sorted(alone):
-            planned = _planned(number, machines[number])
-            if planned:
-                kinds[planned[0]].append(planned[1])
-    for plans in kinds.values():
-        for some in _handfuls(plans):
-            for number, result in _run_together(some, seeds, progress):
-                alone.discard(number)
-                yield number, result
+        for numbers, orders in _kinds(machines, seeds):
+            for at, result in _run_together(orders, progress):
+                alone.discard(numbers[at])
+                yield numbers[at], result
     for number in sorted(alone):
         yield number, _run_alone(machines[number], seeds[number], progress)
 
@@ -74,9 +51,28 @@ def _run_alone(machine: Machine, seed: int, progress: Progress | None) -> Run | 
     return result
 
 
-def _planned(number: int, machine: Machine) -> tuple[Hashable, _Plan] | None:
-    """A run and its likeness; None where it is to be played alone, be it for what is wrong with it."""
-    from hybrid.engine.series import fits, likeness
+def _kinds(
+    machines: Sequence[Machine], seeds: Sequence[int]
+) -> Iterator[tuple[Sequence[int], Sequence[Order]]]:
+    """Runs of one likeness, so many that they do not take too much room, and their numbers."""
+    from hybrid.engine.series import MOST_BYTES
+
+    kinds: dict[Hashable, list[tuple[int, Order]]] = defaultdict(list)
+    for number, (machine, seed) in enumerate(zip(machines, seeds, strict=True)):
+        order = _order_for(machine, seed)
+        if order:
+            kinds[order.likeness].append((number, order))
+    for kind in kinds.values():
+        most = max(1, MOST_BYTES // kind[0][1].bytes)
+        for first in range(0, len(kind), most):
+            some = kind[first : first + most]
+            yield [number for number, _ in some], [order for _, order in some]
+
+
+def _order_for(machine: Machine, seed: int) -> Order | None:
+    """What a run is played by; None where it is to be played alone, be it for what is wrong with it."""
+    from hybrid.engine.preparation import coupling_of
+    from hybrid.engine.series import Order, fits
     from hybrid.engine.wiring import circuit_of
 
     try:
@@ -87,35 +83,23 @@ def _planned(number: int, machine: Machine) -> tuple[Hashable, _Plan] | None:
     if not fits(machine, timeline):
         return None
     circuit, pens = circuit_of(machine)[0], pens_for(machine, readouts_only=True)
-    like = likeness(machine, circuit, timeline, pens)
-    return like, _Plan(number, machine, circuit, timeline, pens)
+    return Order(machine, circuit, coupling_of(machine), timeline, pens, seed)
 
 
-def _handfuls(plans: list[_Plan]) -> Iterator[list[_Plan]]:
-    """Those of one likeness, so many at a time that their records do not take too much."""
-    from hybrid.engine.series import MOST_BYTES
-
-    most = max(1, MOST_BYTES // max(plans[0].bytes, 1))
-    for first in range(0, len(plans), most):
-        if len(plans) - first > 1:
-            yield plans[first : first + most]
-
-
-def _run_together(
-    plans: Sequence[_Plan], seeds: Sequence[int], progress: Progress | None
-) -> Iterator[Result]:
+def _run_together(orders: Sequence[Order], progress: Progress | None) -> Iterator[Result]:
+    """Run those that can be played together, by their places among the orders."""
     from hybrid.engine.series import Series
 
-    first = plans[0]
-    keep_every = thinning(first.machine, first.timeline.rows)
-    of_each = (
-        [p.machine for p in plans],
-        [p.circuit for p in plans],
-        [seeds[p.number] for p in plans],
-    )
-    try:
-        series = Series(*of_each, first.timeline, first.pens, keep_every)
-    except HybridError:  # of one of them, which will say so alone
+    series = None
+    skipped = 0
+    while series is None and len(orders) - skipped > 1:
+        first = orders[skipped]
+        keep_every = thinning(first.machine, first.timeline.rows)
+        try:
+            series = Series(orders[skipped:], keep_every)
+        except HybridError:  # of the first one, which will say so alone
+            skipped += 1
+    if series is None:
         return
     began_s, interrupted = time.perf_counter(), False
     try:
@@ -124,8 +108,12 @@ def _run_together(
                 progress(done)
     except KeyboardInterrupt:
         interrupted = True
-    played_s = (time.perf_counter() - began_s) / len(plans)
+    played_s = (time.perf_counter() - began_s) / len(series.orders)
     for at, player in series.players():
-        yield plans[at].number, finished(player, first.pens, "nonlinear", played_s)
+        result = finished(player, first.pens, "nonlinear", played_s)
+        if result.status == "interrupted":  # while it was read out: those before and after are kept
+            interrupted = True
+        else:
+            yield skipped + at, result
     if interrupted:
         raise KeyboardInterrupt

@@ -11,6 +11,7 @@ from __future__ import annotations
 
 import gc
 import multiprocessing
+import pickle
 import signal
 import sys
 import threading
@@ -119,8 +120,8 @@ def in_threads(
             while (handful := taken()) is not None:
                 for result in play(handful, look):
                     done.append(result)
-                    if stop.is_set():
-                        return
+                if stop.is_set():
+                    return
         except KeyboardInterrupt:
             stop.set()
         except BaseException as failure:  # raised again where the crew was asked for
@@ -223,6 +224,8 @@ class _Copies:
                     found = pipe.recv()
                 except (EOFError, OSError):
                     found = _ended()
+                except Exception as failure:  # it cannot be read
+                    found = failure
                 if isinstance(found, BaseException):
                     self.failures.append(found)
                 elif found is None:
@@ -261,7 +264,20 @@ def _serve(
                 answer = None if turn is None else list(play(handfuls[turn]))
             except BaseException as failure:  # raised again where the crew was asked for
                 answer = failure
-            pipe.send(answer)
+            pipe.send_bytes(_packed(answer))
+
+
+def _packed(answer: Any) -> bytes:
+    """An answer as it is sent; of one that cannot be sent, or read again, what it was."""
+    try:
+        packed = pickle.dumps(answer)
+        if isinstance(answer, BaseException):
+            pickle.loads(packed)
+    except Exception as failure:
+        cause = answer if isinstance(answer, BaseException) else failure
+        told = f"{type(cause).__name__}: {cause}"
+        packed = pickle.dumps(RunError(f"a run in a copy of this process went wrong: {told}"))
+    return packed
 
 
 def _ended() -> RunError:

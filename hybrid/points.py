@@ -212,6 +212,8 @@ def play_all(
                     progress(len(points) / len(orders))
     except KeyboardInterrupt:
         status = "interrupted"
+    if status == "complete" and len(points) != len(orders):
+        raise RunError(f"{len(orders) - len(points)} of {len(orders)} runs were lost on their way")
     return tuple(sorted(points, key=lambda point: point.index)), status
 
 

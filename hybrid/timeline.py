@@ -142,7 +142,7 @@ class _Clocks:
     """All of a machine that its timeline depends on."""
 
     timing: Timing
-    steps: tuple[StepEvent, ...]
+    steps: tuple[tuple[int, int, int | None], ...]  # when, not to which value
     samplers: tuple[tuple[int, int, int], ...]  # delay and conversion in ticks, task
     holders: tuple[int, ...]  # task
     most_intervals: int
@@ -151,7 +151,8 @@ class _Clocks:
 def _clocks(machine: Machine) -> _Clocks:
     samplers = tuple((s.delay_ticks, s.conversion_ticks, s.task) for s in machine.samplers)
     holders, most = tuple(h.task for h in machine.holders), most_intervals(machine)
-    return _Clocks(machine.timing, machine.steps, samplers, holders, most)
+    steps = tuple((s.at_ticks, s.every_ticks, s.times) for s in machine.steps)
+    return _Clocks(machine.timing, steps, samplers, holders, most)
 
 
 # The runs of a batch mostly share their clocks, and a prediction and a run of one machine often do.

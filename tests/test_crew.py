@@ -12,6 +12,8 @@ import time
 import warnings
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import suppress
+from functools import partial
+from typing import Any
 
 import pytest
 from joblib.externals.loky import get_reusable_executor
@@ -173,6 +175,30 @@ def test_what_goes_wrong_is_raised() -> None:
         list(in_threads(play, threes(100), 2, []))
     with pytest.raises(ZeroDivisionError):
         list(in_forks(play, threes(100), 2, []))
+
+
+class Odd(Exception):
+    """It can be sent, but not read again."""
+
+    def __init__(self, one: str, other: str) -> None:
+        super().__init__(one + other)
+
+
+def test_what_cannot_be_sent_is_told() -> None:
+    here = os.getpid()
+
+    def play(handful: Sequence[int], what: str) -> list[Any]:
+        time.sleep(0.01)
+        if os.getpid() == here:
+            return list(handful)
+        if what == "odd":
+            raise Odd("not ", "possible")
+        return [threading.Lock()]
+
+    with pytest.raises(RunError, match="went wrong: Odd: not possible"):
+        list(in_forks(partial(play, what="odd"), threes(100), 2, []))
+    with pytest.raises(RunError, match=r"went wrong: TypeError: cannot pickle"):
+        list(in_forks(partial(play, what="lock"), threes(100), 2, []))
 
 
 def test_a_copy_that_is_ended_from_outside_is_told() -> None:

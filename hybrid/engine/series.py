@@ -1,20 +1,23 @@
 """Runs of circuits that are alike, played one after the other in compiled code.
 
-Stage 4, for batches and sweeps. Such runs differ in figures alone: gains, constants, what they begin
-with, what their inputs hold. One player has what they share; what is a run's own is a line of figures
-(`lines`), and each line takes its turn. To the last bit, a run gives what it gives alone.
+Stage 4, for batches and sweeps. Such runs differ in figures alone: gains, constants of circuits and
+programs, what they begin with, levels of sources, ranges of converters. One player has what they share;
+what is a run's own is a line of figures (`lines`), and each line takes its turn. To the last bit, a run
+gives what it gives alone.
 """
 
 from __future__ import annotations
 
 import copy
+import functools
 from collections.abc import Hashable, Iterator, Sequence
+from dataclasses import dataclass
 
 import numpy as np
 
 from hybrid.beginnings import initial_words
 from hybrid.engine import helper_functions, kernel
-from hybrid.engine.arrays import State
+from hybrid.engine.arrays import Coupling, Floats, State
 from hybrid.engine.beyond import FULL_SCALE
 from hybrid.engine.blur import blurs
 from hybrid.engine.circuit import Circuit
@@ -22,12 +25,13 @@ from hybrid.engine.interplay import begin
 from hybrid.engine.linear import NOISE, Overloads
 from hybrid.engine.lines import RUN
 from hybrid.engine.noise import measure
-from hybrid.engine.preparation import coupling_of
+from hybrid.engine.preparation import deck_of
 from hybrid.engine.sweep import put_at_first
 from hybrid.engine.windows import FIGURES, CircuitPlayer, with_own
 from hybrid.machine import Machine, Pen
 from hybrid.modes import CONTINUE
 from hybrid.streams import stream
+from hybrid.tape import Tape
 from hybrid.timeline import Timeline
 
 # Bytes that the runs of a series and their records take at once.
@@ -40,59 +44,97 @@ def fits(machine: Machine, timeline: Timeline) -> bool:
     return bool(machine.elements) and not (timeline.later or len(machine.tape.length_of))
 
 
-def likeness(
-    machine: Machine, circuit: Circuit, timeline: Timeline, pens: tuple[Pen, ...]
-) -> Hashable:
-    """What all runs of one series have in common, as long as these objects live.
+@dataclass(frozen=True, slots=True)
+class Order:
+    """A run that can be played with others, and what it is played by."""
 
-    Circuits that share their laws share all but `FIGURES`.
-    """
-    shared = (timeline, circuit.laws, machine.tape, coupling_of(machine))
-    corners = range(len(circuit.corners)) if len(circuit.noisy) else ()
-    return (*map(id, shared), pens, machine.logic, *(blurs(circuit, c) for c in corners))
+    machine: Machine
+    circuit: Circuit
+    coupling: Coupling
+    timeline: Timeline
+    pens: tuple[Pen, ...]
+    seed: int
+
+    @property
+    def likeness(self) -> Hashable:
+        """What all runs of one series have in common, as long as their orders live.
+
+        Circuits that share their laws share all but `FIGURES`; decks that are equal, all but what their
+        registers begin with; couplings of one shape, all but figures.
+        """
+        circuit, machine = self.circuit, self.machine
+        corners = range(len(circuit.corners)) if len(circuit.noisy) else ()
+        return (
+            id(self.timeline),
+            id(circuit.laws),
+            _written(machine.tape),
+            tuple(map(len, self.coupling)),
+            self.pens,
+            machine.logic,
+            *(blurs(circuit, corner) for corner in corners),
+        )
+
+    @property
+    def bytes(self) -> int:
+        """About what it takes while it is played: its line and its record."""
+        elements, corners = len(self.circuit.rows), len(self.circuit.corners)
+        noisy = 2 if len(self.circuit.noisy) else 1
+        return 8 * (noisy * (60 * elements + 60 * corners) + len(self.pens) * self.timeline.rows)
+
+
+# The runs of a batch mostly share their tape.
+@functools.lru_cache(maxsize=64)
+def _written(tape: Tape) -> Hashable:
+    """The programs but for what their registers begin with."""
+    return (tape.words, len(tape.sites), *(array.tobytes() for array in deck_of(tape)[0]))
 
 
 class Series:
-    """Runs of one likeness: of each its machine, its circuit and the seed of its noise."""
+    """Runs of one likeness."""
 
-    def __init__(
-        self,
-        machines: Sequence[Machine],
-        circuits: Sequence[Circuit],
-        seeds: Sequence[int],
-        timeline: Timeline,
-        pens: tuple[Pen, ...],
-        keep_every: int,
-    ) -> None:
+    def __init__(self, orders: Sequence[Order], keep_every: int) -> None:
         """Prepare the runs; each settles at t = 0. Raises PatchError where the first one alone does."""
-        self.machines, self.seeds = machines, seeds
-        self.player = CircuitPlayer(machines[0], timeline, pens, seeds[0], keep_every)
-        self.randoms = [stream(seed, NOISE) for seed in seeds] if self.player.noise else []
-        self.lines = self.player.places.below_each_other(len(machines))
-        arrays = iter(self.player.places.views(self.lines.lines))
-        side, noise = with_own(self.player.side, self.player.noise, arrays)
-        self.state = State(*arrays)
-        for name in FIGURES:
-            for own, circuit in zip(getattr(side.circuit, name), circuits, strict=True):
-                own[...] = getattr(circuit, name)
-        for state in (side.state, *([noise.truth] if noise else [])):
-            put_at_first(side.circuit.initial, state.memory, state.start)
-        inputs = len(machines[0].analog.u0)
-        for v, machine in zip(self.state.v, machines, strict=True):
-            v[len(v) - inputs :] = machine.analog.u0
-        self.state.words[:] = initial_words(machines[0])
-        if machines[0].on_overload != CONTINUE:
-            self.state.counts[:, kernel.STOPS] = kernel.NEXT
+        first, self.orders = orders[0], orders
+        self.player = CircuitPlayer(
+            first.machine, first.timeline, first.pens, first.seed, keep_every
+        )
+        self.randoms = [stream(o.seed, NOISE) for o in orders] if self.player.noise else []
+        self.lines = self.player.places.below_each_other(len(orders))
+        start = self._fill()
         self._begin()
         signals = self.state.v[:, self.player.plant.signal]
         # What has no figure at t = 0, or is beyond full scale there, is rare, and told by a run alone.
-        self.alone = ~np.isfinite(side.state.start).all(axis=1)
+        self.alone = ~np.isfinite(start).all(axis=1)
         self.alone |= ~(np.abs(signals) <= FULL_SCALE).all(axis=1)
         self.lines.outcomes[self.alone] = kernel.DONE
-        self.records = np.empty((len(machines), *self.player.rows.shape))
-        self.ended_in = np.zeros(len(machines), dtype=np.int64)  # segment
-        self.ended = np.zeros(len(machines), dtype=bool)
+        self.records = np.empty((len(orders), *self.player.rows.shape))
+        self.ended_in = np.zeros(len(orders), dtype=np.int64)  # segment
+        self.ended = np.zeros(len(orders), dtype=bool)
         self.noted: dict[int, Overloads] = {}  # of earlier segments, by run
+
+    def _fill(self) -> Floats:
+        """Put what each run has to itself into its line; the place of all elements' signals."""
+        arrays, orders = iter(self.player.places.views(self.lines.lines)), self.orders
+        side, noise, coupling = with_own(self.player.side, self.player.noise, arrays)
+        self.state = State(*arrays)
+        for name in FIGURES:
+            for own, order in zip(getattr(side.circuit, name), orders, strict=True):
+                own[...] = getattr(order.circuit, name)
+        for state in (side.state, *([noise.truth] if noise else [])):
+            put_at_first(side.circuit.initial, state.memory, state.start)
+        inputs = len(orders[0].machine.analog.u0)
+        for run, order in enumerate(orders):
+            self.state.v[run, -inputs:] = order.machine.analog.u0
+            if order.coupling is not orders[0].coupling:
+                for own, array in zip(coupling, order.coupling, strict=True):
+                    own[run] = array
+            if order.machine.tape is not orders[0].machine.tape:
+                self.state.registers[run] = deck_of(order.machine.tape)[1]
+            self.state.words[run] = initial_words(order.machine)
+        if orders[0].machine.on_overload != CONTINUE:
+            self.state.counts[:, kernel.STOPS] = kernel.NEXT
+        start: Floats = side.state.start
+        return start
 
     def _begin(self) -> None:
         player = self.player
@@ -108,7 +150,7 @@ class Series:
 
         All in one go, or one after the other where each draws noise of its own.
         """
-        runs = len(self.machines)
+        runs = len(self.orders)
         if not self.player.noise:
             yield from self._play(slice(0, runs), None)
             return
@@ -127,7 +169,7 @@ class Series:
             outcome = kernel.PAUSED
             while outcome == kernel.PAUSED:
                 outcome = player.play_lines(records, lines, random)
-                at = lines.now[RUN] if outcome == kernel.PAUSED else len(records)
+                at = int(lines.now[RUN]) if outcome == kernel.PAUSED else len(records)
                 self.ended[some][:at] |= number == len(player.segments) - 1
                 yield (segment.start + segment.length * segment.repeats * at / len(records)) / until
 
@@ -155,7 +197,7 @@ class Series:
         """The player in the state that a run came to, with the segment done that it had played."""
         self.player.places.line[:] = self.lines.lines[run]
         player = copy.copy(self.player)
-        player.machine, player.seed = self.machines[run], self.seeds[run]
+        player.machine, player.seed = self.orders[run].machine, self.orders[run].seed
         player.rows = self.records[run]
         player.overload_s = dict(self.noted.get(run, {}))
         player.segment = int(self.ended_in[run])

@@ -18,7 +18,7 @@ import numpy as np
 
 from hybrid.elements import INPUT
 from hybrid.engine import kernel
-from hybrid.engine.arrays import Floats, Plant, Score, State
+from hybrid.engine.arrays import Coupling, Floats, Plant, Score, State
 from hybrid.engine.beyond import TIMES, Overload
 from hybrid.engine.blur import Blur
 from hybrid.engine.calls import Calls
@@ -160,10 +160,10 @@ class CircuitPlayer(Player):
 
     def _in_a_line(self, state: State) -> State:
         """Put all that is the run's own into one line."""
-        self.places = Places([*_own(self.side, self.noise), *state])
+        self.places = Places([*_own(self.side, self.noise), *self.coupling, *state])
         self.lines = self.places.lines(self.places.line[None])
         arrays = iter(self.places.alone())
-        self.side, self.noise = with_own(self.side, self.noise, arrays)
+        self.side, self.noise, self.coupling = with_own(self.side, self.noise, arrays)
         return State(*arrays)
 
     @property
@@ -280,8 +280,10 @@ def _own(side: Side, noise: Noise | None) -> list[Array]:
     return [*figures, *side.state, side.stopped_s, side.called_s, *loud]
 
 
-def with_own(side: Side, noise: Noise | None, arrays: Iterator[Array]) -> tuple[Side, Noise | None]:
-    """The analog side with these in the places of a run's own."""
+def with_own(
+    side: Side, noise: Noise | None, arrays: Iterator[Array]
+) -> tuple[Side, Noise | None, Coupling]:
+    """The analog side with these in the places of a run's own, and the converters."""
 
     def taken(kind: type[Any]) -> Any:
         return kind(*itertools.islice(arrays, len(kind._fields)))
@@ -292,7 +294,7 @@ def with_own(side: Side, noise: Noise | None, arrays: Iterator[Array]) -> tuple[
     if noise:
         noise = noise._replace(truth=taken(CircuitState), blur=taken(Blur))
     own = {"circuit": circuit, "state": state, "stopped_s": stopped_s, "called_s": called_s}
-    return side._replace(**own), noise
+    return side._replace(**own), noise, taken(Coupling)
 
 
 def settled(machine: Machine) -> tuple[list[float], dict[str, float]]:
