@@ -192,7 +192,7 @@ readouts: {top: {maximum: x}, word: {final: u}, mean: {mean: late}}
     [
         ("k", np.linspace(0.3, 0.6, 21)),
         ("level", np.linspace(-0.3, 0.3, 21)),
-        ("range", np.linspace(0.3, 1.0, 21)),
+        ("range", np.linspace(0.1, 0.3, 21)),
         ("scale", np.linspace(0.4, 1.0, 21)),
         ("first", np.linspace(-0.5, 0.5, 21)),
     ],
