@@ -234,10 +234,11 @@ class _Copies:
                     done.extend(found)
 
     def end(self) -> None:
-        """End all copies. The system takes its time to clear up after each: the next crew, or the end of
-        this process, sees that they are gone."""
+        """End all copies, which most have done by themselves."""
         for process in self.crew.values():
             process.terminate()
+        for process in self.crew.values():
+            process.join()
 
 
 def _serve(
@@ -253,6 +254,7 @@ def _serve(
     main process alone, so that its end is heard here.
     """
     signal.signal(signal.SIGTERM, signal.SIG_DFL)
+    signal.signal(signal.SIGHUP, signal.SIG_IGN)  # the main process decides
     gc.freeze()  # else the memory of all that there is would be copied to be looked through
     for end in copied:
         end.close()

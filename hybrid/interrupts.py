@@ -1,6 +1,6 @@
-"""Ctrl-C and SIGTERM: who hears them, and when.
+"""Ctrl-C, SIGTERM, and SIGHUP of a terminal that is closed: who hears them, and when.
 
-Stage 0. Both raise KeyboardInterrupt while something is computed that can be kept; before, they end
+Stage 0. All raise KeyboardInterrupt while something is computed that can be kept; before, they end
 the command at once, and afterwards they must not lose the result. Helping processes never hear them.
 """
 
@@ -13,7 +13,11 @@ from contextlib import contextmanager
 from multiprocessing import resource_tracker
 from typing import NoReturn
 
-SIGNALS = (signal.SIGINT, signal.SIGTERM)
+SIGNALS = tuple(
+    signal.Signals[name]
+    for name in ("SIGINT", "SIGTERM", "SIGHUP")
+    if name in signal.Signals.__members__  # Windows has no terminals that hang up
+)
 
 
 @contextmanager

@@ -187,6 +187,9 @@ class ReferencePlayer(CircuitPlayer):
         scale = kernel.RUNAWAY_MU / FULL_SCALE  # where it stops, but for its own error
         return runaway(self.side.circuit, self.names, signals, scale) or self._farthest()
 
+    def _lit(self) -> frozenset[int]:
+        return frozenset(int(self.side.place[i]) for i in self.beyond.overloads)
+
     def overloads(self) -> tuple[Overload, ...]:
         """Converters as the kernel saw them; analog signals at every step of the integrator."""
         signals = self.machine.analog.signals

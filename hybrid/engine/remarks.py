@@ -5,13 +5,12 @@ Stage 4.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 
 import numpy as np
 
 from hybrid.elements import QUOTIENT
 from hybrid.engine.arrays import Floats
-from hybrid.engine.beyond import TIMES
 from hybrid.engine.blur import Blur
 from hybrid.engine.circuit import (
     AT,
@@ -59,15 +58,19 @@ def chattering(circuit: Circuit, names: Sequence[str], changes: Floats) -> tuple
 
 
 def held_back(
-    machine: Machine, circuit: Circuit, names: Sequence[str], state: State, overload: Floats
+    machine: Machine,
+    circuit: Circuit,
+    names: Sequence[str],
+    state: State,
+    lit: Collection[int],
 ) -> tuple[str, ...]:
     """Each output that stopped at its saturation without being beyond full scale, which no indicator
-    tells, in words. Limits that the patch gives an integrator are not meant. `overload`: of the State
-    that is seen, which has noise."""
+    tells, in words. Limits that the patch gives an integrator are not meant. `lit`: elements that were
+    beyond full scale."""
     elements, found = dict(machine.elements), []
     for corner, (e, role, first, *_) in enumerate(circuit.corners.tolist()):
         by_limits = role == OF_INTEGRATOR and elements[names[e]].limits is not None
-        if role in (OF_SUM, OF_ANGLE) or by_limits or overload[e, TIMES] > 0.0:
+        if role in (OF_SUM, OF_ANGLE) or by_limits or e in lit:
             continue
         left = np.isfinite(state.changes[corner, [TURNED_S, TURNED_S + TURNS]])
         if state.piece[corner] != 1 or left.any():

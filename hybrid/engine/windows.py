@@ -216,16 +216,20 @@ class CircuitPlayer(Player):
     def remarks(self) -> tuple[str, ...]:
         """Parts that chatter, and those that saturate unseen."""
         circuit, state = self.side.circuit, self.side.state
-        overload = self.noise.truth.overload if self.noise else state.overload
         return (
             *chattering(circuit, self.names, state.changes),
-            *held_back(self.machine, circuit, self.names, state, overload),
+            *held_back(self.machine, circuit, self.names, state, self._lit()),
             *(
                 over_corners(circuit, self.names, self.noise.blur, self.done_s)
                 if self.noise
                 else ()
             ),
         )
+
+    def _lit(self) -> frozenset[int]:
+        """Elements that were beyond full scale."""
+        rows = (self.noise.truth if self.noise else self.side.state).overload
+        return frozenset(np.flatnonzero(rows[:, TIMES]).tolist())
 
     @property
     def why_ended(self) -> str:
