@@ -35,6 +35,7 @@ from hybrid.crew import (
     in_threads,
 )
 from hybrid.errors import RunError
+from hybrid.interrupts import as_before, hear
 
 Look = Callable[[float], None]
 
@@ -279,3 +280,15 @@ def test_nothing_is_copied_beside_other_threads() -> None:
     assert not can_fork()
     ends.set()
     other.join()
+
+
+@pytest.mark.parametrize("name", ["SIGINT", "SIGTERM", "SIGHUP"])
+def test_every_way_to_end_a_command_is_an_interrupt_that_keeps_what_is_done(name: str) -> None:
+    if not hasattr(signal, name):
+        pytest.skip("this system has no such signal")
+    number = getattr(signal, name)
+    with as_before():
+        signal.signal(number, signal.SIG_DFL)
+        hear()
+        with pytest.raises(KeyboardInterrupt):
+            signal.raise_signal(number)
