@@ -44,7 +44,7 @@ from hybrid.points import (
     scalar_names,
     transients,
 )
-from hybrid.record import machine_facts
+from hybrid.record import following, machine_facts
 from hybrid.runs import check_seed
 
 if TYPE_CHECKING:
@@ -120,9 +120,11 @@ class Batch:
         )
 
     def _shared(self, key: str) -> dict[str, Any]:
-        """The parameters that were given once for all runs, as texts or as numbers."""
+        """The parameters that all runs share, as texts or as numbers; those that follow from one that
+        differs are not."""
+        follow = following(self.first, self.differ)
         given = machine_facts(self.first)[key]
-        return {name: value for name, value in given.items() if name not in self.differ}
+        return {name: value for name, value in given.items() if name not in follow}
 
     @property
     def varied(self) -> list[str]:

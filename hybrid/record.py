@@ -15,6 +15,7 @@ from typing import Any
 
 import numpy as np
 
+from hybrid.expressions import names
 from hybrid.machine import Floats, Machine, Pen
 from hybrid.modes import MODE_NAMES, MODE_VARIABLE
 from hybrid.patch import Patch
@@ -89,9 +90,19 @@ def parameter_texts(machine: Machine) -> dict[str, str]:
     return texts
 
 
-def exact_parameters(machine: Machine, names: Iterable[str] | None = None) -> dict[str, float]:
+def exact_parameters(machine: Machine, known: Iterable[str] | None = None) -> dict[str, float]:
     """Every parameter (or those named) in SI, to the last bit: what a replay takes."""
-    return {k: v for k, v in _told(machine).items() if names is None or k in names}
+    return {k: v for k, v in _told(machine).items() if known is None or k in known}
+
+
+def following(machine: Machine, differ: Iterable[str]) -> set[str]:
+    """The parameters `differ` and all that follow from them, as b = 2*a does from a unless b was set."""
+    found, patch = set(differ), machine.patch
+    for name in patch.parameter_order:
+        follows = names(patch.parameters[name].value.expr) & found
+        if follows and name not in machine.overrides:
+            found.add(name)
+    return found
 
 
 def changed_names(machine: Machine) -> list[str]:

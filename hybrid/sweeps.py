@@ -28,7 +28,6 @@ from hybrid.arguments import (
     serial_of,
 )
 from hybrid.errors import RunError, quoted, shown
-from hybrid.expressions import names
 from hybrid.following import followed
 from hybrid.machine import Machine
 from hybrid.patch import Patch
@@ -48,7 +47,7 @@ from hybrid.points import (
     play_all,
     transients,
 )
-from hybrid.record import exact_parameters, machine_facts, parameter_texts
+from hybrid.record import exact_parameters, following, machine_facts, parameter_texts
 from hybrid.runs import check_seed
 
 if TYPE_CHECKING:
@@ -104,13 +103,7 @@ class Sweep:
     @property
     def parameters(self) -> dict[str, str]:
         """The parameters that all points share, as texts; those that follow the swept one are not."""
-        follow = {self.parameter}
-        for name in self.patch.parameter_order:
-            if (
-                name not in self.first.overrides
-                and names(self.patch.parameters[name].value.expr) & follow
-            ):
-                follow.add(name)
+        follow = following(self.first, [self.parameter])
         return {k: v for k, v in parameter_texts(self.first).items() if k not in follow}
 
     @property

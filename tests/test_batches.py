@@ -88,6 +88,20 @@ def test_the_data_say_where_they_come_from(result, patch, tmp_path: Path) -> Non
     assert "3 of 3 runs" in repr(result)
 
 
+def test_what_follows_from_a_parameter_that_differs_is_not_shared() -> None:
+    """b is 2, 4, 6 where a is 1, 2, 3, and c follows b; d, which is set, follows nothing."""
+    names = "parameters: {a: 1, b: 2*a, c: b + 1, d: 3*a, e: 7}\nanalog:"
+    follows = hybrid.parse_patch(GAIN.replace("analog:", names))
+    found = hybrid.batch(follows, {"a": [1.0, 2.0, 3.0], "d": 5.0})
+    for told in (found.to_dict(), found.dataset.attrs):
+        shared = {k: told[k] for k in ("parameters", "parameters_si")}
+        if isinstance(told["parameters"], str):
+            shared = {k: json.loads(text) for k, text in shared.items()}
+        assert shared == {"parameters": {"d": "5", "e": "7"}, "parameters_si": {"d": 5, "e": 7}}
+    every = hybrid.batch(follows, {"a": 2.0}, runs=2).to_dict()["parameters_si"]
+    assert every == {"a": 2.0, "b": 4.0, "c": 5.0, "d": 6.0, "e": 7.0}
+
+
 def test_tolerances_fill_their_range_evenly() -> None:
     count, limit = 400, 1e-3
     found = hybrid.batch(hybrid.parse_patch(GAIN), serial=range(count))
