@@ -27,7 +27,7 @@ from hybrid.arguments import (
 )
 from hybrid.errors import RunError, counted, shown
 from hybrid.machine import Machine
-from hybrid.patch import Patch
+from hybrid.patch import Parameter, Patch
 from hybrid.points import (
     MEASURED,
     MOST_POINTS,
@@ -93,17 +93,19 @@ class Batch:
 
     @cached_property
     def dataset(self) -> xr.Dataset:
-        """Every run's parameters, seed and readouts; NaN where there is no answer."""
+        """Every run's parameters (NAME in its unit, NAME_si in SI to the last bit), seed and readouts.
+
+        NaN where there is no answer.
+        """
         import xarray as xr
 
         variables: dict[str, Any] = measured_variables(self.points, self.first, "run")
         serials = np.array([self.serial_of(p) for p in self.points], dtype=np.int64)
         variables["serial"] = (("run",), serials, {})
         for name in self.differ:
-            parameter = self.patch.parameters[name]
-            values = [self.orders[p.index].parameters[name] for p in self.points]
-            about = {"units": parameter.unit}
-            variables[name] = (("run",), np.array(values) / parameter.factor, about)
+            parameter, exact = self.patch.parameters[name], self._values_of(name)
+            variables[name] = (("run",), exact / parameter.factor, {"units": parameter.unit})
+            variables[in_si(name)] = (("run",), exact, {"units": _si_unit(parameter)})
         readouts = np.array(transients(self.patch), dtype=object)
         runs = np.array([p.index for p in self.points], dtype=np.int64)
         facts = {
@@ -118,6 +120,10 @@ class Batch:
             {"run": runs, "readout": readouts},
             {**origin(self.first, self.differ), **facts},
         )
+
+    def _values_of(self, name: str) -> np.ndarray:
+        """A parameter that differs, of the runs that are done: (n,), in SI to the last bit."""
+        return np.array([self.orders[p.index].parameters[name] for p in self.points], dtype=float)
 
     def _shared(self, key: str) -> dict[str, Any]:
         """The parameters that all runs share, as texts or as numbers; those that follow from one that
@@ -152,8 +158,8 @@ class Batch:
 
     def to_pandas(self) -> pd.DataFrame:
         """One row a run and transient (a run alone, where the patch has none); parameters in SI."""
-        factors = {name: self.patch.parameters[name].factor for name in self.differ}
-        data = self.dataset.assign({n: self.dataset[n] * by for n, by in factors.items()})
+        exact = {name: ("run", self._values_of(name)) for name in self.differ}
+        data = self.dataset.drop_vars(map(in_si, self.differ)).assign(exact)
         return (data if data.sizes["readout"] else data.drop_dims("readout")).to_dataframe()
 
     def figures(self) -> dict[str, tuple[np.ndarray, str]]:
@@ -291,7 +297,8 @@ def check_batch(
     jobs: int | None = None,
 ) -> Machine:
     """Raise PatchError or RunError for what would stop the first run; gives its machine."""
-    check_names(patch, differ, VARIABLES, "differ")
+    check_names(patch, (*differ, *map(in_si, differ)), VARIABLES, "differ")
+    check_names(patch, differ, {in_si(name) for name in differ}, "differ")
     check_jobs(jobs)
     return machine_of(patch, orders[0].parameters, machine, orders[0].serial)
 
@@ -329,6 +336,18 @@ def orders_of(
 
     differ = tuple(name for name, column in columns.items() if column is not None)
     return tuple(order(i) for i in range(count)), differ
+
+
+def in_si(name: str) -> str:
+    """The variable that holds a parameter's SI values: 'cycle_si' of 'cycle'."""
+    return f"{name}_si"
+
+
+def _si_unit(parameter: Parameter) -> str:
+    """Unit of a parameter's SI values, as it was written where that is one of SI."""
+    if parameter.factor == 1.0:
+        return parameter.unit
+    return "" if parameter.dimension.is_pure else str(parameter.dimension)
 
 
 def _column(values: Any) -> list[Any] | None:

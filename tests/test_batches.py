@@ -208,6 +208,31 @@ def test_a_frame_has_parameters_in_si(patch) -> None:
     assert swept.reset_index()["cycle"].unique().tolist() == [0.005, 0.01]
 
 
+def test_a_run_can_be_replayed_to_the_last_bit_from_its_file(patch, tmp_path: Path) -> None:
+    """These periods, one of 40, are other doubles once divided by 1 ms and multiplied by it again."""
+    drawn = np.random.default_rng(1).uniform(5e-3, 20e-3, 1000)
+    values = drawn[drawn / 1e-3 * 1e-3 != drawn][:4]
+    found = hybrid.batch(patch, {"cycle": values, "rate": 0.7}, seed=4)
+    frame = found.to_pandas()
+    assert frame.xs("mode", level="readout")["cycle"].tolist() == values.tolist()
+    assert "cycle_si" not in frame
+    write_dataset(found.dataset, tmp_path / "a.nc")
+    with xr.open_dataset(tmp_path / "a.nc") as stored:
+        stored.load()
+    assert stored["cycle_si"].values.tolist() == values.tolist()
+    assert [stored[name].attrs["units"] for name in ("cycle", "cycle_si")] == ["ms", "s"]
+    own = stored.isel(run=2)
+    given = {**json.loads(stored.attrs["parameters_si"]), "cycle": float(own["cycle_si"])}
+    again = hybrid.run(patch, given, seed=int(own["seed"]), serial=int(own["serial"]))
+    assert again.readouts["end"]["value"] == float(own["value_end"])
+
+
+def test_a_parameter_must_not_hide_the_si_values_of_another() -> None:
+    both = hybrid.parse_patch(PATCH.replace("parameters: {", "parameters: {rate_si: 1, "))
+    with pytest.raises(hybrid.RunError, match="parameter rate_si cannot differ"):
+        hybrid.batch(both, {"rate": [1.0, 2.0], "rate_si": [1.0, 2.0]})
+
+
 def test_an_interrupted_batch_says_how_many_runs_are_done(result) -> None:
     cut = replace(result, points=result.points[:1], status="interrupted")
     assert cut.status_note == cut.dataset.attrs["status_note"] == "interrupted after 1 of 3 runs"
