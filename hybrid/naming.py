@@ -32,11 +32,11 @@ def stem_of(patch: Patch, changed: Sequence[str] = ()) -> str:
     if patch.on:
         moved = sorted(patch.on.items())
         told = "_".join(f"{'' if name == WHOLE else name + '_'}{on}" for name, on in moved)
-        stem += f"_on_{_in_name(told)}"
-    return f"{stem}_{_in_name('_'.join(changed))}" if changed else stem
+        stem += f"_on_{in_name(told)}"
+    return f"{stem}_{in_name('_'.join(changed))}" if changed else stem
 
 
-def _in_name(text: str) -> str:
+def in_name(text: str) -> str:
     """A text as any file system takes it, at most LONGEST letters; other texts give other names."""
     plain = _PER.sub("-", text.replace(" ", ""))
     told = _REFUSED.sub("-", plain)

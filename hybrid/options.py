@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any, NoReturn
 
 from hybrid.errors import RunError, did_you_mean, quoted
 from hybrid.machines import PRESETS
-from hybrid.naming import stem_of
+from hybrid.naming import in_name, stem_of
 from hybrid.version import __version__
 
 MOST_PENS = 12  # of a strip chart
@@ -351,8 +351,17 @@ def serial_range(text: str) -> list[int]:
 
 
 def batch_file(options: argparse.Namespace, patch: Patch) -> Path:
-    """Where the data of a batch go."""
-    return _data_file(options, f"out/{file_stem(options, patch)}_batch.nc")
+    """Where the data of a batch go: the name tells the swept parameters, serial numbers and runs."""
+    asked = []
+    if options.over:
+        asked.append(f"over_{','.join(swept_range(over)[0] for over in options.over)}")
+    if options.serials is not None:
+        serials = serial_range(options.serials)
+        asked.append(f"serials{serials[0]}-{serials[-1]}")
+    if options.runs is not None:
+        asked.append(f"runs{options.runs}")
+    stem = f"{file_stem(options, patch)}_{in_name('_'.join(asked))}"
+    return _data_file(options, f"out/{stem}_batch.nc")
 
 
 def file_stem(options: argparse.Namespace, patch: Patch) -> str:

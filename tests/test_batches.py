@@ -179,7 +179,8 @@ def test_every_combination_is_run(folder: Path, capsys: pytest.CaptureFixture[st
     assert main(["batch", "decay.yaml", *options]) == 0
     found = json.loads(capsys.readouterr().out)
     assert found.keys() == BATCH | {"files"}
-    assert found["files"] == ["out/decay_seed5_batch.nc", "out/decay_seed5_batch.png"]
+    stem = "out/decay_seed5_over_rate,tall_serials3-4_runs2_batch"
+    assert found["files"] == [f"{stem}.nc", f"{stem}.png"]
     assert all(run.keys() == RUN for run in found["runs"])
     assert all(about.keys() == ABOUT for about in found["summary"].values())
     made = [(*run["parameters_si"].values(), run["serial"]) for run in found["runs"]]
@@ -189,6 +190,18 @@ def test_every_combination_is_run(folder: Path, capsys: pytest.CaptureFixture[st
     values = [run["readouts"]["end"]["value"] for run in found["runs"]]
     assert values[0] != values[1]  # noise of its own
     assert found["parameters"] == {"cycle": "10 ms"}
+
+
+def test_no_batch_overwrites_another_ones_file(folder: Path) -> None:
+    """Each differs from the first in one option; another range of the same name is the same file."""
+    first = {"--over": "rate=1:2:2", "--serials": "1:2", "--runs": "1"}
+    others = ({"--over": "tall=0.5 V:1 V:2"}, {"--serials": "2:3"}, {"--runs": "2"}, {})
+    for asked in (*({**first, **other} for other in others), {**first, "--over": "rate=3:4:2"}):
+        options = [text for option in asked.items() for text in option]
+        assert main(["batch", "decay.yaml", *options, "--no-chart"]) == 0
+    assert len(list(Path("out").iterdir())) == len(others)
+    assert main(["batch", "decay.yaml", "--runs", "2", "--no-chart"]) == 0
+    assert Path("out/decay_runs2_batch.nc").exists()
 
 
 def test_what_varied_is_told(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
