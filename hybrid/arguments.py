@@ -104,8 +104,10 @@ def preset_of(machine: str | None) -> str | None:
     """The name of a preset, or None for the patch's own."""
     if machine is None or (isinstance(machine, str) and machine in PRESETS):
         return machine
-    hint = did_you_mean(machine if isinstance(machine, str) else "", PRESETS)
-    raise RunError(f"unknown machine {shown(machine)}; {hint}")
+    if not isinstance(machine, str):
+        valid = ", ".join(PRESETS)
+        raise RunError(f"machine is {shown(machine)}; give the name of one preset: {valid}")
+    raise RunError(f"unknown machine {shown(machine)}; {did_you_mean(machine, PRESETS)}")
 
 
 def serial_of(serial: int | None) -> int | None:
@@ -113,6 +115,12 @@ def serial_of(serial: int | None) -> int | None:
     if serial is None:
         return None
     return whole_number("serial", serial, 0, LARGEST_SERIAL)
+
+
+def check_progress(progress: object) -> None:
+    """Raise RunError for what cannot be called with the fraction done."""
+    if progress is not None and not callable(progress):
+        raise RunError(f"progress is {shown(progress)}; give a function of the fraction done")
 
 
 def whole_number(what: str, value: Any, least: int, most: int) -> int:

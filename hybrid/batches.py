@@ -18,19 +18,17 @@ import numpy as np
 
 from hybrid.arguments import (
     Source,
-    check_parameter,
+    check_progress,
     machine_of,
-    parameter_of,
     patch_of,
     preset_of,
-    serial_of,
 )
-from hybrid.errors import RunError, counted, shown
+from hybrid.errors import counted
 from hybrid.machine import Machine
+from hybrid.orders import Varied, orders_of
 from hybrid.patch import Parameter, Patch
 from hybrid.points import (
     MEASURED,
-    MOST_POINTS,
     Order,
     Point,
     Task,
@@ -45,7 +43,6 @@ from hybrid.points import (
     transients,
 )
 from hybrid.record import following, machine_facts
-from hybrid.runs import check_seed
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -58,8 +55,6 @@ VARIABLES = frozenset(
 )
 
 MOST_TOLD = 12  # combinations that a batch tells of itself
-
-Varied = Mapping[str, float | str | Iterable[float | str]]
 
 
 @dataclass(frozen=True, eq=False)
@@ -281,8 +276,9 @@ def batch(
     measured is kept with its reason. Raises PatchError or RunError where the first run could not be
     made at all, and for lists that do not fit.
     """
+    check_progress(progress)
     patch = patch_of(patch)
-    orders, differ = orders_of(patch, parameters or {}, runs, serial, seed)
+    orders, differ = orders_of(patch, {} if parameters is None else parameters, runs, serial, seed)
     first = check_batch(patch, orders, differ, machine, jobs)
     task = Task(patch, preset_of(machine), predicts=False)
     points, status = play_all(task, orders, first, jobs, progress)
@@ -303,41 +299,6 @@ def check_batch(
     return machine_of(patch, orders[0].parameters, machine, orders[0].serial)
 
 
-def orders_of(
-    patch: Patch,
-    parameters: Varied,
-    runs: int | None,
-    serial: int | Iterable[int | None] | None,
-    seed: int | Iterable[int],
-) -> tuple[tuple[Order, ...], tuple[str, ...]]:
-    """What to run, and the names of the parameters that differ. Raises PatchError and RunError."""
-    columns = {name: _column(values) for name, values in parameters.items()}
-    for name in columns:
-        check_parameter(patch, name)
-    serials, seeds = _column(serial), _column(seed)
-    if serials is None:
-        serial_of(serial)  # type: ignore[arg-type]  # one for all, or a mistake
-    if seeds is None:
-        check_seed(seed)  # type: ignore[arg-type]
-    listed = [*columns.items(), ("serial", serials), ("seed", seeds)]
-    count = _count(runs, [(name, len(column)) for name, column in listed if column is not None])
-
-    def at(column: list[Any] | None, whole: Any, index: int) -> Any:
-        return whole if column is None else column[index]
-
-    def order(index: int) -> Order:
-        values = {
-            name: parameter_of(patch, name, at(column, parameters[name], index))
-            for name, column in columns.items()
-        }
-        own = check_seed(at(seeds, seed, index))
-        lot = own if seeds is not None else (own, ("batch",))
-        return Order(index, values, serial_of(at(serials, serial, index)), lot)
-
-    differ = tuple(name for name, column in columns.items() if column is not None)
-    return tuple(order(i) for i in range(count)), differ
-
-
 def in_si(name: str) -> str:
     """The variable that holds a parameter's SI values: 'cycle_si' of 'cycle'."""
     return f"{name}_si"
@@ -348,27 +309,3 @@ def _si_unit(parameter: Parameter) -> str:
     if parameter.factor == 1.0:
         return parameter.unit
     return "" if parameter.dimension.is_pure else str(parameter.dimension)
-
-
-def _column(values: Any) -> list[Any] | None:
-    """A value for each run, or None where there is one for all."""
-    if isinstance(values, str) or not isinstance(values, Iterable):
-        return None
-    return list(values) if getattr(values, "ndim", 1) == 1 else None
-
-
-def _count(runs: int | None, lengths: Sequence[tuple[str, int]]) -> int:
-    """How many runs the lists, or else `runs`, ask for."""
-    found = {n for _, n in lengths} | ({runs} if runs is not None else set())
-    if not found:
-        raise RunError("nothing says how many runs to make: give runs, or a list of values")
-    if len(found) > 1:
-        parts = [f"{name} has {counted(n, 'value')}" for name, n in lengths]
-        parts += [f"runs is {runs}"] if runs is not None else []
-        raise RunError(f"lists of a batch must be of one length: {', '.join(parts)}")
-    (count,) = found
-    if not isinstance(count, int) or isinstance(count, bool) or not 1 <= count <= MOST_POINTS:
-        raise RunError(
-            f"a batch has {shown(count)} runs; it must be a whole number from 1 to {MOST_POINTS}"
-        )
-    return count

@@ -308,8 +308,9 @@ def _exit_of(result: Sweep | Batch, failure: HybridError | None) -> int:
 def batch_command(options: argparse.Namespace) -> int:
     """hybrid batch."""
     patch, parameters = patch_and_parameters(options)
-    from hybrid.batches import batch, check_batch, orders_of
+    from hybrid.batches import batch, check_batch
     from hybrid.engines import engine_of
+    from hybrid.orders import orders_of
 
     lists, serials = combined(options, patch, parameters)
     orders, differ = orders_of(patch, lists, None, serials, options.seed)

@@ -340,14 +340,16 @@ def serial_range(text: str) -> list[int]:
     """Serial numbers of --serials FIRST:LAST, both included."""
     from hybrid.points import MOST_POINTS
 
-    first, colon, last = text.partition(":")
-    if not (colon and first.isascii() and last.isascii() and first.isdigit() and last.isdigit()):
+    ends = re.fullmatch(r"([0-9]{1,19}):([0-9]{1,19})", text)
+    if not ends:
         raise RunError(f"--serials {quoted(text)} must be FIRST:LAST, such as 1:1000")
-    if int(last) < int(first) or int(last) - int(first) >= MOST_POINTS:
-        raise RunError(
-            f"--serials {quoted(text)}: LAST must not be below FIRST, nor above by {MOST_POINTS}"
-        )
-    return list(range(int(first), int(last) + 1))
+    first, last = map(int, ends.groups())
+    if last < first:
+        raise RunError(f"--serials {quoted(text)}: LAST must not be below FIRST")
+    if last - first >= MOST_POINTS:
+        told = f"--serials {quoted(text)} asks for {last - first + 1} machines"
+        raise RunError(f"{told}; a batch makes {MOST_POINTS} runs at most")
+    return list(range(first, last + 1))
 
 
 def batch_file(options: argparse.Namespace, patch: Patch) -> Path:

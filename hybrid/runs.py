@@ -10,7 +10,7 @@ from collections.abc import Callable
 from dataclasses import replace
 from typing import Any
 
-from hybrid.arguments import Parameters, Source, machine_of, whole_number
+from hybrid.arguments import Parameters, Source, check_progress, machine_of, whole_number
 from hybrid.beginnings import initial_words
 from hybrid.endings import ending, one_row_text, operations_done
 from hybrid.engine.beyond import DAC_SUFFIX, Overload
@@ -58,6 +58,7 @@ def run(
     KeyboardInterrupt ends the run early and returns what was played. Raises PatchError and RunError for
     the mistakes of the user.
     """
+    check_progress(progress)
     seed = check_seed(seed)
     circuit = wants_circuit(check_engine(engine))
     compiled = machine_of(patch, parameters, machine, serial, circuit, until)

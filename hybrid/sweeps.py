@@ -20,6 +20,7 @@ from hybrid.arguments import (
     Parameters,
     Source,
     check_parameter,
+    check_progress,
     machine_of,
     parameter_of,
     parameters_of,
@@ -253,6 +254,7 @@ def sweep(
     rad/s. A point that cannot be run or measured is kept with its reason. Raises PatchError or RunError
     where no point could ever work.
     """
+    check_progress(progress)
     seed, patch = check_seed(seed), patch_of(patch)
     numbers, given = values_of(patch, over, values), parameters_of(patch, parameters)
     first = check_sweep(patch, over, numbers, given, machine, serial, jobs)

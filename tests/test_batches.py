@@ -130,7 +130,33 @@ REFUSED = {
     "runs": ({"rate": [1.0, 2.0]}, {"runs": 3}, "runs is 3"),
     "no runs": ({}, {"runs": 0}, "from 1 to"),
     "half a run": ({}, {"runs": 1.5}, "from 1 to"),
-    "empty": ({"rate": []}, {}, "from 1 to"),
+    "empty": ({"rate": []}, {}, "rate has no values"),
+    "empty in numpy": ({"rate": np.array([])}, {}, "rate has no values"),
+    "no serials": ({}, {"serial": range(0)}, "serial has no values"),
+    "list for a mapping": ([1, 2], {}, r"parameters is \[1, 2\]; give a mapping"),
+    "empty list for a mapping": ([], {"runs": 2}, "give a mapping"),
+    "number for a name": ({3: [1.0]}, {}, "3 is no name"),
+    "range": ({"cycle": "1 ms:2 ms:3"}, {}, "cycle is '1 ms:2 ms:3'; a range is for a sweep"),
+    "table": ({"rate": np.ones((2, 2))}, {}, "rate is an array of 2 dimensions"),
+    "table of serials": (
+        {},
+        {"serial": np.ones((2, 2), int)},
+        "serial is an array of 2 dimensions",
+    ),
+    "table of lists": ({"rate": [[1.0], [2.0]]}, {}, r"rate cannot be \[1.0\]"),
+    "mapping for a value": ({"rate": {1.0: 2.0}}, {"runs": 2}, "rate cannot be {1.0: 2.0}"),
+    "endless": ({}, {"serial": itertools.count()}, "serial has too many values"),
+    "too many": (
+        {},
+        {"serial": range(10**12)},
+        "serial has too many values; a batch makes 1000000",
+    ),
+    "progress": ({}, {"runs": 2, "progress": 3}, "progress is 3; give a function"),
+    "machines": (
+        {},
+        {"runs": 2, "machine": ["nominal"]},
+        r"machine is \['nominal'\]; give the name",
+    ),
     "unknown": ({"rte": [1.0]}, {}, "did you mean 'rate'"),
     "unit": ({"rate": ["1 V"]}, {}, "does not fit"),
     "serial": ({}, {"serial": [1, -2]}, "serial is -2"),
@@ -148,6 +174,11 @@ def test_what_does_not_fit_is_refused(patch, case: str) -> None:
     parameters, options, said = REFUSED[case]
     with pytest.raises(hybrid.HybridError, match=said):
         hybrid.batch(patch, parameters, **options)
+
+
+def test_whole_numbers_of_numpy_are_taken(patch) -> None:
+    assert len(hybrid.batch(patch, runs=np.int64(2), serial=np.int64(1)).points) == 2
+    assert len(hybrid.batch(patch, {"rate": np.array([1.0])}, runs=np.array(1)).points) == 1
 
 
 def test_a_parameter_must_not_hide_a_variable() -> None:
@@ -308,6 +339,11 @@ def test_the_chart_over_two_values_shows_their_means_and_deviations() -> None:
         ([], "needs --over, --serials or --runs"),
         (["--serials", "5"], "must be FIRST:LAST"),
         (["--serials", "5:4"], "must not be below FIRST"),
+        (
+            ["--serials", "1:1000000000000"],
+            "asks for 1000000000000 machines; a batch makes 1000000",
+        ),
+        (["--serials", f"1:{'9' * 5000}"], "must be FIRST:LAST"),
         (["--serials", "1:2", "--serial", "3"], "either --serial or --serials"),
         (["--runs", "0"], "--runs is 0"),
         (["--over", "rate=1:2:2", "--over", "rate=1:2:2"], "swept twice"),
