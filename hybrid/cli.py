@@ -18,19 +18,9 @@ from typing import TYPE_CHECKING, Any
 
 from hybrid import interrupts
 from hybrid.compilation import say_if_compiling, say_if_slow
+from hybrid.destinations import batch_file, file_stem, run_folder, sweep_file, writable
 from hybrid.errors import HybridError, RunError, counted
-from hybrid.options import (
-    batch_file,
-    combined,
-    file_stem,
-    parsed,
-    patch_and_parameters,
-    run_folder,
-    sweep_file,
-    swept_range,
-    with_chosen,
-    writable,
-)
+from hybrid.options import combined, parsed, patch_and_parameters, swept_range, with_chosen
 from hybrid.terminal import (
     Progress,
     console,
