@@ -41,6 +41,8 @@ SLACK = 1e-11
 # One that does not get this far beyond its bound has not left it: so far rounding may take it.
 ROUNDING = 1e-13
 MOST_EVENTS = 10_000
+# As the engine settles loops of lags before the run.
+MOST_PASSES = 1000
 # The slope of a guard is taken over this share of the time since it changed its piece.
 SHORT = 1e-3
 
@@ -93,13 +95,32 @@ class Reference:
         ] = {}  # guards of corners that come to a bound at this instant
         follows = np.isnan(initial[:, 1]) & (rows[:, LAG] >= 0)
         self.forward.starting = True
-        stores = rows[:, KIND] == TRACK
-        for _ in range(len(rows) + 1):  # each pass settles at least one more lag of a chain
-            self.x[stores] = initial[stores, 0]  # what opens one on the way does not count
-            self.y[follows] = self._settled(0.0).before[follows]
+        self._settle_lags(follows)
         self.forward.starting = False
         self._settled(0.0)
         self.events.clear()
+
+    def _settle_lags(self, follows: np.typing.NDArray[np.bool_]) -> None:
+        """Let the lags that follow their inputs before the run come to rest, those in loops, too."""
+        rows, initial = self.circuit.rows, self.circuit.initial
+        stores = rows[:, KIND] == TRACK
+
+        def settle() -> None:
+            self.x[stores] = initial[stores, 0]  # what opens one on the way does not count
+            self.y[follows] = self._settled(0.0).before[follows]
+
+        for _ in range(len(rows) + 1):  # each pass settles at least one more lag of a chain
+            settle()
+        given, piece = self.y.copy(), list(self.piece)
+        for _ in range(MOST_PASSES):  # and of a loop a part, where its gain is below 1
+            before = self.y.copy()
+            settle()
+            moved = np.abs(self.y - before)
+            if np.all(moved <= 1e-15 * np.maximum(1.0, np.abs(before))):
+                return
+            if not np.all(moved < RUNAWAY_MU):
+                break
+        self.y[:], self.piece[:] = given, piece
 
     def signals(self) -> Floats:
         """Every signal now (n,)."""
