@@ -9,6 +9,7 @@ balance. On a circuit the figures of a few elements change, and it settles anew.
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import replace
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -21,20 +22,31 @@ from hybrid.machine import Floats, Machine, OutputStage
 if TYPE_CHECKING:
     from hybrid.engine.circuit import Circuit
 
-# Errors to try: of which component, what its stage becomes.
-Errors = Sequence[tuple[str, OutputStage]]
+# Errors to try: of which component, what its stage becomes, or what is added to its output.
+Errors = Sequence[tuple[str, OutputStage | float]]
 
 
 def changes_of_rates(machine: Machine, names: Sequence[str], errors: Errors) -> Iterator[Floats]:
     """For each error by itself how the rates change, (integrators,), machine units a second.
 
-    Args: names: the integrators. What has no finite rate with an error changes by nan or infinity.
+    Args: names: the integrators; errors: what becomes of an output stage, or machine units that are
+    added to an output, of an integrator to what it begins with. What has no finite rate with an error
+    changes by nan or infinity.
     """
+    return (rates_mu for rates_mu, _ in changes(machine, names, errors))
+
+
+def changes(
+    machine: Machine, names: Sequence[str], errors: Errors
+) -> Iterator[tuple[Floats, float]]:
+    """The same, and how the output changes whose error it is, in machine units."""
     with np.errstate(all="ignore"):
         yield from (_of_circuit if machine.elements else _of_matrices)(machine, names, errors)
 
 
-def _of_matrices(machine: Machine, names: Sequence[str], errors: Errors) -> Iterator[Floats]:
+def _of_matrices(
+    machine: Machine, names: Sequence[str], errors: Errors
+) -> Iterator[tuple[Floats, float]]:
     stages = machine.stages
     layout = AnalogLayout(machine.patch, machine.parameters, stages)
     index = {signal: i for i, signal in enumerate(layout.signals)}
@@ -55,6 +67,9 @@ def _of_matrices(machine: Machine, names: Sequence[str], errors: Errors) -> Iter
 
     for name, stage in errors:
         j = index[name]
+        if not isinstance(stage, OutputStage):
+            yield through[:, j] * stage, inverse[j, j] * stage
+            continue
         row, moved = difference("static", name, stage)
         moved += sum(gain * values[i] for i, gain in row.items())
         moved /= 1.0 - sum(gain * inverse[i, j] for i, gain in row.items())
@@ -63,10 +78,12 @@ def _of_matrices(machine: Machine, names: Sequence[str], errors: Errors) -> Iter
             row, own = difference("rate", name, stage)
             own += sum(gain * (values[i] + inverse[i, j] * moved) for i, gain in row.items())
             change[place[name]] += own
-        yield change
+        yield change, inverse[j, j] * moved
 
 
-def _of_circuit(machine: Machine, names: Sequence[str], errors: Errors) -> Iterator[Floats]:
+def _of_circuit(
+    machine: Machine, names: Sequence[str], errors: Errors
+) -> Iterator[tuple[Floats, float]]:
     from hybrid.engine import windows  # takes long to load
     from hybrid.engine.sweep import new_state
 
@@ -76,7 +93,7 @@ def _of_circuit(machine: Machine, names: Sequence[str], errors: Errors) -> Itera
     columns, elements = [signals[name] for name in names], dict(machine.elements)
     made = elements_with(machine.patch, machine.parameters, machine.stages)
 
-    def rates(circuit: Circuit, changed: Mapping[str, Element]) -> Floats:
+    def settled(circuit: Circuit, changed: Mapping[str, Element]) -> tuple[Floats, Floats]:
         fresh = side._replace(circuit=circuit, state=new_state(circuit, windows.NODES))
         values, drives = windows.at_start(fresh, machine.analog.u0)
         leaks = np.zeros(len(names))
@@ -85,13 +102,25 @@ def _of_circuit(machine: Machine, names: Sequence[str], errors: Errors) -> Itera
             if element.kind == INTEGRATE and element.figures[0]:  # its leak is no input
                 begins = values[column] if element.second else element.initial
                 leaks[i] = element.figures[0] * begins
-        rates_mu: Floats = drives[columns] + leaks
-        return rates_mu
+        return drives[columns] + leaks, values.copy()
 
-    before = rates(side.circuit, {})
+    before, outputs = settled(side.circuit, {})
+    changed: Mapping[str, Element]
     for name, stage in errors:
-        changed = dict(made(name, stage))
-        yield rates(_with(side.circuit, number, changed), changed) - before
+        if not isinstance(stage, OutputStage):
+            moved, changed = {name: _moved(elements[name], stage)}, {}  # no leak reads the output
+        else:
+            moved = changed = dict(made(name, stage))
+        after, values = settled(_with(side.circuit, number, moved), changed)
+        yield after - before, float((values - outputs)[signals[name]])
+
+
+def _moved(element: Element, by_mu: float) -> Element:
+    """The element with this added to its output, or to what it begins with."""
+    if element.kind != INTEGRATE:
+        return replace(element, offset=element.offset + by_mu)
+    begins = element.second_constant + by_mu
+    return replace(element, initial=element.initial + by_mu, second_constant=begins)
 
 
 def _with(circuit: Circuit, number: Mapping[str, int], changed: Mapping[str, Element]) -> Circuit:

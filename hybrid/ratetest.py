@@ -11,7 +11,12 @@ carried back to t = 0, and both are compared. They may differ by
 
 - what tolerances, offsets and dials make, each at its limit and all in one direction (of first order in
   each; products of them are less than that times the sum of the tolerances);
-- the lags on the way, of sum L: a chain of lags shows f - L f' + h f'' ..., h at most L^2;
+- the lags. A part of lag tau has tau y' = core - y, so that its output is off by -tau y': that is an
+  offset, and acts on rates as one, from everywhere in a loop. The rate that is read is itself that of an
+  output, so that its integrator's lag counts twice where the output comes back to it. While the lags
+  settle, a chain of them of sum L moves what follows by h f' at most, h <= L^2, and its rate by h f''.
+  An integrator with feedback, s (1 + tau s) + r = 0, shows -r x0 / sqrt(1 - 4 r tau) by its slow pole,
+  -r x0 (1 + 2 r tau + 6 (r tau)^2 + ...), where 5 of the 6 come with the rates as they are shown;
 - what carrying it back leaves: a cubic through four intervals errs by no more than it differs from the
   parabola through three, value and slope. Where that is as large as the rate, something runs away
   within some tens of lags, which explains nothing.
@@ -21,7 +26,7 @@ from __future__ import annotations
 
 import math
 import sys
-from collections.abc import Callable
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -31,7 +36,7 @@ from hybrid.components import CATALOG
 from hybrid.elements import INTEGRATE
 from hybrid.engine.rates import Start, first_rates
 from hybrid.errors import PatchError
-from hybrid.influence import changes_of_rates
+from hybrid.influence import changes, changes_of_rates
 from hybrid.layout import build_analog
 from hybrid.machine import Floats, Machine, OutputStage
 from hybrid.patch import Component
@@ -145,16 +150,18 @@ def rate_test(
         expected, allowed = given, np.full(len(names), math.inf)
     place = {signal: i for i, signal in enumerate(machine.analog.signals)}
     columns = [place[name] for name in names]
-    shown = _carried_back(start.rates_mu[:, columns], wait_s, step_s)
-    rows, lag_of, switches = [], _lags_s(machine), _switches_text(machine)
+    shown = _carried_back(start.rates_mu, wait_s, step_s)
+    most_mu = np.max(np.abs(start.rates_mu), axis=0)
+    with np.errstate(all="ignore"):  # of what runs away
+        late = _by_lags(machine, names, shown, most_mu)
+    rows, switches = [], _switches_text(machine)
     for i, name in enumerate(names):
         stage = machine.stages[name]
         why_not = start.why_not.get(name) or (switches if start.switched else "")
         why_not = why_not or ("" if math.isfinite(allowed[i]) else "no value without errors")
-        off = allowed[i] + shown.digits
-        if shown.left[i] <= MOST_LEFT * np.max(np.abs(start.rates_mu[:, columns[i]])):
-            lag_s = lag_of(name)
-            off += lag_s * (shown.changes[i] + lag_s * shown.bends[i]) + shown.left[i]
+        off, column = allowed[i] + shown.digits, columns[i]
+        if shown.left[column] <= MOST_LEFT * most_mu[column]:
+            off += late[i] + shown.left[column]
         # A machine that begins in IC moves later.
         first = trial.rates_mu[name] if trial and not machine.operation else None
         rows.append(
@@ -165,7 +172,7 @@ def rate_test(
                 stage.gain - 1.0,
                 stage.offset,
                 float(expected[i]),
-                None if why_not else float(shown.rates[i]),
+                None if why_not else float(shown.rates[column]),
                 None if why_not else float(off),
                 why_not,
             )
@@ -186,7 +193,7 @@ def rate_warnings(rows: tuple[RateRow, ...]) -> tuple[str, ...]:
 
 def _by_hand(machine: Machine, names: list[str]) -> tuple[Floats, Floats]:
     """Rates at t = 0 on parts without errors, and by how much errors within their limits change them."""
-    exact = {name: _without_errors(stage) for name, stage in machine.stages.items()}
+    exact = _exact_stages(machine)
 
     def rates(stages: dict[str, OutputStage]) -> Floats:
         found = static_check(_with_stages(machine, stages))[1]
@@ -209,6 +216,36 @@ def _by_hand(machine: Machine, names: list[str]) -> tuple[Floats, Floats]:
     if dials != exact:
         allowed += np.abs(rates(dials) - expected)
     return expected, allowed * (1.0 + tolerances)
+
+
+def _by_lags(machine: Machine, names: list[str], shown: _AtStart, most_mu: Floats) -> Floats:
+    """How much lags make of the rates that are shown, all in one direction."""
+    place = {signal: i for i, signal in enumerate(machine.analog.signals)}
+    columns = [place[name] for name in names]
+    late = np.array([machine.stages[name].tau for name in names]) * shown.changes[columns]
+    speeds = np.maximum(np.abs(shown.rates), most_mu) + shown.left
+    exact, errors = _exact_stages(machine), list[tuple[str, OutputStage | float]]()
+    for name, stage in exact.items():
+        off_mu = stage.tau * float(speeds[place[name]])
+        if off_mu > 0.0 and math.isfinite(off_mu):
+            errors.append((name, off_mu))
+    for part in machine.patch.components:
+        if part.kind == "amplify":  # it is late at its summing point
+            offset = float(speeds[place[part.name]]) / _loop_rate(machine, part)
+            errors.append((part.name, replace(exact[part.name], offset=offset)))
+    lags_s = {name: stage.tau for name, stage in exact.items()}
+    found = changes(_with_stages(machine, exact), names, errors)
+    for (name, error), (change, moved) in zip(errors, found, strict=True):
+        late += np.abs(change)
+        if not isinstance(error, OutputStage):  # in a loop without integrators it counts more often
+            lags_s[name] *= max(1.0, (abs(moved) - EXACT_MU) / error)
+    sums_s = _sums_of_lags_s(machine, names, lags_s)
+    return np.asarray(late + sums_s**2 * shown.bends[columns])
+
+
+def _exact_stages(machine: Machine) -> dict[str, OutputStage]:
+    """Every output stage without errors."""
+    return {name: _without_errors(stage) for name, stage in machine.stages.items()}
 
 
 def _without_errors(stage: OutputStage) -> OutputStage:
@@ -275,35 +312,40 @@ class _AtStart:
 
 def _carried_back(rates_mu: Floats, wait_s: float, step_s: float) -> _AtStart:
     """From means over intervals, (intervals, columns)."""
-    middles: Floats = wait_s / step_s + np.arange(0.5, len(rates_mu))
-    cubic, parabola = (_at_start(middles[:n], rates_mu[:n]) for n in (INTERVALS, INTERVALS - 1))
+    ends: Floats = wait_s / step_s + np.arange(len(rates_mu) + 1.0)
+    cubic, parabola = (_at_start(ends[: n + 1], rates_mu[:n]) for n in (INTERVALS, INTERVALS - 1))
     sizes, left = np.maximum(np.abs(cubic), np.abs(parabola)), np.abs(cubic - parabola)
     seen = np.max(np.abs(np.diff(rates_mu, axis=0)), axis=0)
     changes = np.maximum(seen, sizes[1]) + left[1]
-    weights = _at_start(middles, np.eye(INTERVALS))[0]
+    weights = _at_start(ends, np.eye(INTERVALS))[0]
     digits = 2.0 * EXACT_MU / step_s * float(np.sum(np.abs(weights)))
     bends = 2.0 * (sizes[2] + left[2]) / step_s**2
     return _AtStart(digits, cubic[0], left[0], changes / step_s, bends)
 
 
-def _at_start(at: Floats, values: Floats) -> Floats:
-    """First three coefficients of the polynomials through `values`, (points, columns): (3, columns)."""
-    powers = np.vander(at, increasing=True)
-    return np.asarray(np.linalg.solve(powers, values)[:3], dtype=np.float64)
+def _at_start(ends: Floats, means: Floats) -> Floats:
+    """First three coefficients, (3, columns), of the polynomials of these means, (intervals, columns),
+    between these ends, (intervals + 1,)."""
+    powers = np.arange(1, len(ends))
+    integrals = ends[:, None] ** powers / powers
+    return np.asarray(np.linalg.solve(np.diff(integrals, axis=0), means)[:3], dtype=np.float64)
 
 
-def _lags_s(machine: Machine) -> Callable[[str], float]:
-    """What gives the sum of the lags of an integrator and of all that follows its inputs at once."""
+def _sums_of_lags_s(machine: Machine, names: list[str], lags_s: Mapping[str, float]) -> Floats:
+    """The sums of the lags of integrators and of all that follows their inputs at once.
+
+    Each part on the way once, and an integrator twice where its output comes back to it.
+    """
     sources = {c.name: (*c.sources, *c.controls) for c in machine.patch.components}
     kinds = {c.name: c.kind for c in machine.patch.components}
-    lags_s = {name: stage.tau for name, stage in machine.stages.items()}
-    for component in machine.patch.components:
-        if component.kind == "amplify":
-            lags_s[component.name] += 1.0 / _loop_rate(machine, component)
+    extra_s = {
+        c.name: 1.0 / _loop_rate(machine, c)
+        for c in machine.patch.components
+        if c.kind == "amplify"
+    }
 
-    def lag_s(name: str) -> float:
-        """Each part on the way once."""
-        found, todo = {name}, list(sources[name])
+    def sum_s(name: str) -> float:
+        found, todo = set[str](), list(sources[name])
         while todo:
             signal = todo.pop()
             if signal in found:
@@ -311,9 +353,9 @@ def _lags_s(machine: Machine) -> Callable[[str], float]:
             found.add(signal)
             if kinds.get(signal, "integrate") not in KEEPERS:
                 todo += sources[signal]
-        return math.fsum(lags_s.get(signal, 0.0) for signal in found)
+        return math.fsum(lags_s.get(s, 0.0) + extra_s.get(s, 0.0) for s in (name, *found))
 
-    return lag_s
+    return np.array([sum_s(name) for name in names])
 
 
 def _loop_rate(machine: Machine, component: Component) -> float:
