@@ -35,9 +35,10 @@ from hybrid.engine.sweep import BEFORE, FROZEN, LAST_WINDOW, ON_OVERLOAD, OVERLO
 from hybrid.engine.sweep import State as CircuitState
 from hybrid.modes import OP, STOP_RUN
 
-# Instants between two looks at Ctrl-C.
+# Instants of a run between two looks at Ctrl-C.
 CHUNK_ADVANCES = 2000
-# Elements times windows between two looks at Ctrl-C, also within an interval: some tenths of a second.
+# Elements times windows between two looks at Ctrl-C, also within an interval, and of many runs together:
+# some tenths of a second.
 CHUNK_ELEMENTS = 600_000
 # To let loops settle before a run.
 MOST_PASSES = 1000
