@@ -10,8 +10,9 @@
                 every ms: smooth (mu = 0.2), of which the figure is; beside it mild (corners of two
                 function generators, eight a period) and strong (mu = 2, corners of six)
   batch_efficiency
-                a batch of 1,000 runs: wall time of one run at a time over twice that of two; of runs of
-                20 ms and of 200 ms the lower. Beside it that of two processes that share nothing
+                a batch of 1,000 runs of 200 ms, of a ms of wall time each: wall time of one run at a time
+                over twice that of two. Beside it that of two processes that share nothing, which is what
+                the cores give; and runs of 20 ms, all of them as quick as two processes are made
 
 Every figure stands beside the error it was reached with: the largest difference from a tight reference
 at the end of a run, of full scale. Times of Hybrid are whole calls: patch compiled, run played, rows
@@ -36,7 +37,7 @@ import hybrid
 
 MOST_ERROR = 1e-7  # of full scale: a thousandth of what a component of 0.01 % errs by
 SCALES = np.array([2.5, 3.0])  # of x and y
-SPANS = ("20 ms", "200 ms")  # of the runs of batches
+SPANS = ("200 ms", "20 ms")  # of the runs of batches
 TOLERANCES = (1e-7, 1e-8, 1e-9, 1e-10)
 
 VAN_DER_POL = """
@@ -308,7 +309,7 @@ def figures(peers: list[Any], big: list[Any], batches: list[Any]) -> dict[str, f
         "heyoka_ratio": None if beside_heyoka is None else 1 / beside_heyoka["over_hybrid"],
         "machine_s_per_wall_s_60": smooth[False],
         "machine_s_per_wall_s_60_dac": smooth[True],
-        "batch_efficiency": min(row["efficiency"] for row in batches),
+        "batch_efficiency": batches[0]["efficiency"],
     }
 
 

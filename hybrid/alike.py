@@ -19,7 +19,7 @@ from hybrid.timeline import build_timeline
 from hybrid.together import attempt
 
 if TYPE_CHECKING:
-    from hybrid.engine.series import Order
+    from hybrid.engine.series import Member
 
 Result = tuple[int, Run | HybridError]
 
@@ -33,8 +33,8 @@ def run_each(
     """
     alone = set(range(len(machines)))
     if sum(bool(machine.elements) for machine in machines) > 1:
-        for numbers, orders in _kinds(machines, seeds):
-            for at, result in _run_together(orders, progress):
+        for numbers, members in _kinds(machines, seeds):
+            for at, result in _run_together(members, progress):
                 alone.discard(numbers[at])
                 yield numbers[at], result
     for number in sorted(alone):
@@ -53,26 +53,26 @@ def _run_alone(machine: Machine, seed: int, progress: Progress | None) -> Run | 
 
 def _kinds(
     machines: Sequence[Machine], seeds: Sequence[int]
-) -> Iterator[tuple[Sequence[int], Sequence[Order]]]:
+) -> Iterator[tuple[Sequence[int], Sequence[Member]]]:
     """Runs of one likeness, so many that they do not take too much room, and their numbers."""
     from hybrid.engine.series import MOST_BYTES
 
-    kinds: dict[Hashable, list[tuple[int, Order]]] = defaultdict(list)
+    kinds: dict[Hashable, list[tuple[int, Member]]] = defaultdict(list)
     for number, (machine, seed) in enumerate(zip(machines, seeds, strict=True)):
-        order = _order_for(machine, seed)
-        if order:
-            kinds[order.likeness].append((number, order))
+        member = _member_for(machine, seed)
+        if member:
+            kinds[member.likeness].append((number, member))
     for kind in kinds.values():
         most = max(1, MOST_BYTES // kind[0][1].bytes)
         for first in range(0, len(kind), most):
             some = kind[first : first + most]
-            yield [number for number, _ in some], [order for _, order in some]
+            yield [number for number, _ in some], [member for _, member in some]
 
 
-def _order_for(machine: Machine, seed: int) -> Order | None:
+def _member_for(machine: Machine, seed: int) -> Member | None:
     """What a run is played by; None where it is to be played alone, be it for what is wrong with it."""
-    from hybrid.engine.preparation import coupling_of
-    from hybrid.engine.series import Order, fits
+    from hybrid.engine.preparation import coupling_of, deck_of
+    from hybrid.engine.series import Member, fits
     from hybrid.engine.wiring import circuit_of
 
     try:
@@ -83,20 +83,21 @@ def _order_for(machine: Machine, seed: int) -> Order | None:
     if not fits(machine, timeline):
         return None
     circuit, pens = circuit_of(machine)[0], pens_for(machine, readouts_only=True)
-    return Order(machine, circuit, coupling_of(machine), timeline, pens, seed)
+    coupling, (_, registers) = coupling_of(machine), deck_of(machine.tape)
+    return Member(machine, circuit, coupling, registers, timeline, pens, seed)
 
 
-def _run_together(orders: Sequence[Order], progress: Progress | None) -> Iterator[Result]:
-    """Run those that can be played together, by their places among the orders."""
+def _run_together(members: Sequence[Member], progress: Progress | None) -> Iterator[Result]:
+    """Run those that can be played together, by their places among the members."""
     from hybrid.engine.series import Series
 
     series = None
     skipped = 0
-    while series is None and len(orders) - skipped > 1:
-        first = orders[skipped]
+    while series is None and len(members) - skipped > 1:
+        first = members[skipped]
         keep_every = thinning(first.machine, first.timeline.rows)
         try:
-            series = Series(orders[skipped:], keep_every)
+            series = Series(members[skipped:], keep_every)
         except HybridError:  # of the first one, which will say so alone
             skipped += 1
     if series is None:
@@ -108,7 +109,7 @@ def _run_together(orders: Sequence[Order], progress: Progress | None) -> Iterato
                 progress(done)
     except KeyboardInterrupt:
         interrupted = True
-    played_s = (time.perf_counter() - began_s) / len(series.orders)
+    played_s = (time.perf_counter() - began_s) / len(series.members)
     for at, player in series.players():
         result = finished(player, first.pens, "nonlinear", played_s)
         if result.status == "interrupted":  # while it was read out: those before and after are kept

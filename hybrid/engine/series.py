@@ -45,19 +45,20 @@ def fits(machine: Machine, timeline: Timeline) -> bool:
 
 
 @dataclass(frozen=True, slots=True)
-class Order:
+class Member:
     """A run that can be played with others, and what it is played by."""
 
     machine: Machine
     circuit: Circuit
     coupling: Coupling
+    registers: Floats  # what they begin with
     timeline: Timeline
     pens: tuple[Pen, ...]
     seed: int
 
     @property
     def likeness(self) -> Hashable:
-        """What all runs of one series have in common, as long as their orders live.
+        """What all runs of one series have in common, as long as its members live.
 
         Circuits that share their laws share all but `FIGURES`; decks that are equal, all but what their
         registers begin with; couplings of one shape, all but figures.
@@ -92,14 +93,14 @@ def _written(tape: Tape) -> Hashable:
 class Series:
     """Runs of one likeness."""
 
-    def __init__(self, orders: Sequence[Order], keep_every: int) -> None:
+    def __init__(self, members: Sequence[Member], keep_every: int) -> None:
         """Prepare the runs; each settles at t = 0. Raises PatchError where the first one alone does."""
-        first, self.orders = orders[0], orders
+        first, self.members = members[0], members
         self.player = CircuitPlayer(
             first.machine, first.timeline, first.pens, first.seed, keep_every
         )
-        self.randoms = [stream(o.seed, NOISE) for o in orders] if self.player.noise else []
-        self.lines = self.player.places.below_each_other(len(orders))
+        self.randoms = [stream(m.seed, NOISE) for m in members] if self.player.noise else []
+        self.lines = self.player.places.below_each_other(len(members))
         start = self._fill()
         self._begin()
         signals = self.state.v[:, self.player.plant.signal]
@@ -107,31 +108,30 @@ class Series:
         self.alone = ~np.isfinite(start).all(axis=1)
         self.alone |= ~(np.abs(signals) <= FULL_SCALE).all(axis=1)
         self.lines.outcomes[self.alone] = kernel.DONE
-        self.records = np.empty((len(orders), *self.player.rows.shape))
-        self.ended_in = np.zeros(len(orders), dtype=np.int64)  # segment
-        self.ended = np.zeros(len(orders), dtype=bool)
+        self.records = np.empty((len(members), *self.player.rows.shape))
+        self.ended_in = np.zeros(len(members), dtype=np.int64)  # segment
+        self.ended = np.zeros(len(members), dtype=bool)
         self.noted: dict[int, Overloads] = {}  # of earlier segments, by run
 
     def _fill(self) -> Floats:
         """Put what each run has to itself into its line; the place of all elements' signals."""
-        arrays, orders = iter(self.player.places.views(self.lines.lines)), self.orders
+        arrays, members = iter(self.player.places.views(self.lines.lines)), self.members
         side, noise, coupling = with_own(self.player.side, self.player.noise, arrays)
         self.state = State(*arrays)
         for name in FIGURES:
-            for own, order in zip(getattr(side.circuit, name), orders, strict=True):
-                own[...] = getattr(order.circuit, name)
+            for own, member in zip(getattr(side.circuit, name), members, strict=True):
+                own[...] = getattr(member.circuit, name)
         for state in (side.state, *([noise.truth] if noise else [])):
             put_at_first(side.circuit.initial, state.memory, state.start)
-        inputs = len(orders[0].machine.analog.u0)
-        for run, order in enumerate(orders):
-            self.state.v[run, -inputs:] = order.machine.analog.u0
-            if order.coupling is not orders[0].coupling:
-                for own, array in zip(coupling, order.coupling, strict=True):
+        inputs = len(members[0].machine.analog.u0)
+        for run, member in enumerate(members):
+            self.state.v[run, -inputs:] = member.machine.analog.u0
+            if member.coupling is not members[0].coupling:
+                for own, array in zip(coupling, member.coupling, strict=True):
                     own[run] = array
-            if order.machine.tape is not orders[0].machine.tape:
-                self.state.registers[run] = deck_of(order.machine.tape)[1]
-            self.state.words[run] = initial_words(order.machine)
-        if orders[0].machine.on_overload != CONTINUE:
+            self.state.registers[run] = member.registers
+            self.state.words[run] = initial_words(member.machine)
+        if members[0].machine.on_overload != CONTINUE:
             self.state.counts[:, kernel.STOPS] = kernel.NEXT
         start: Floats = side.state.start
         return start
@@ -150,7 +150,7 @@ class Series:
 
         All in one go, or one after the other where each draws noise of its own.
         """
-        runs = len(self.orders)
+        runs = len(self.members)
         if not self.player.noise:
             yield from self._play(slice(0, runs), None)
             return
@@ -197,7 +197,7 @@ class Series:
         """The player in the state that a run came to, with the segment done that it had played."""
         self.player.places.line[:] = self.lines.lines[run]
         player = copy.copy(self.player)
-        player.machine, player.seed = self.orders[run].machine, self.orders[run].seed
+        player.machine, player.seed = self.members[run].machine, self.members[run].seed
         player.rows = self.records[run]
         player.overload_s = dict(self.noted.get(run, {}))
         player.segment = int(self.ended_in[run])
