@@ -4,7 +4,7 @@ Stage 7, for `points`. Copies (forks, on Linux) share the machine code, the patc
 of it, and are there at once; where other threads are about, as in a notebook, they would not be sound.
 Threads share as much, and the engines let go of Python's lock while they play; but whatever else belongs
 to a run is done by one thread at a time. Processes of their own take seconds to start. What is quickest
-depends on the runs, so two of them are timed first. The results do not depend on it.
+depends on the runs, so some of them are timed first. The results do not depend on it.
 """
 
 from __future__ import annotations
@@ -83,13 +83,14 @@ class Pace:
         C-36, 1987). Costly runs, which often stand side by side, are spread over them.
         """
         most, least = (max(1, int(s / max(self.run_s, 1e-9))) for s in (MOST_S, LEAST_S))
-        left = orders if jobs == 1 else [o for i in range(SPREAD) for o in orders[i::SPREAD]]
-        found = list[Sequence[Order]]()
-        while left:
-            share = -(-len(left) // (2 * jobs)) if jobs > 1 else len(left)
+        spread = orders if jobs == 1 else [o for i in range(SPREAD) for o in orders[i::SPREAD]]
+        found, at = list[Sequence[Order]](), 0
+        while at < len(spread):
+            left = len(spread) - at
+            share = -(-left // (2 * jobs)) if jobs > 1 else left
             size = min(max(share, least), most)
-            found.append(left[:size])
-            left = left[size:]
+            found.append(spread[at : at + size])
+            at += size
         return found
 
 

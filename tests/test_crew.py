@@ -91,6 +91,11 @@ def test_handfuls_are_neither_costly_to_lose_nor_uneven(run_s: float, jobs: int)
         assert size <= max(fair, LEAST_S / run_s, 1)
 
 
+def test_as_many_handfuls_as_there_may_be_runs_are_made_at_once() -> None:
+    """One by one; were what is left copied for each, this would not end."""
+    assert len(Pace(10.0, 0.0).handfuls(range(10**6), 2)) == 10**6
+
+
 def test_orders_side_by_side_are_not_played_by_one() -> None:
     found = Pace(1e-3, 0.0).handfuls(range(1000), 2)
     costly = [sum(order < 100 for order in handful) / len(handful) for handful in found[:4]]
