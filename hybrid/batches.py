@@ -281,7 +281,7 @@ def batch(
     orders, differ = orders_of(patch, {} if parameters is None else parameters, runs, serial, seed)
     first = check_batch(patch, orders, differ, machine, jobs)
     task = Task(patch, preset_of(machine), predicts=False)
-    points, status = play_all(task, orders, first, jobs, progress)
+    points, status = play_all(task, orders, jobs, progress)
     return Batch(patch, orders, points, first, differ, status)
 
 

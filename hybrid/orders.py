@@ -26,24 +26,27 @@ def orders_of(
     """What to run, and the names of the parameters that differ. Raises PatchError and RunError."""
     columns = _columns(patch, parameters)
     serials, seeds = _column("serial", serial), _column("seed", seed)
-    if serials is None:
-        serial_of(serial)  # type: ignore[arg-type]  # one for all, or a mistake
-    if seeds is None:
-        check_seed(seed)  # type: ignore[arg-type]
+    # One for all, or a mistake.
+    whole_serial = serial_of(serial) if serials is None else None  # type: ignore[arg-type]
+    lot = (check_seed(seed), ("batch",)) if seeds is None else 0  # type: ignore[arg-type]
     listed = [*columns.items(), ("serial", serials), ("seed", seeds)]
     count = _count(runs, [(name, len(column)) for name, column in listed if column is not None])
 
-    def at(column: list[Any] | None, whole: Any, index: int) -> Any:
-        return whole if column is None else column[index]
+    # What is the same in all runs is read once.
+    given: Mapping[str, Any] = parameters
+    shared = {
+        name: parameter_of(patch, name, given[name])
+        for name, column in columns.items()
+        if column is None
+    }
 
     def order(index: int) -> Order:
         values = {
-            name: parameter_of(patch, name, at(column, parameters[name], index))
+            name: shared[name] if column is None else parameter_of(patch, name, column[index])
             for name, column in columns.items()
         }
-        own = check_seed(at(seeds, seed, index))
-        lot = own if seeds is not None else (own, ("batch",))
-        return Order(index, values, serial_of(at(serials, serial, index)), lot)
+        own_serial = whole_serial if serials is None else serial_of(serials[index])
+        return Order(index, values, own_serial, lot if seeds is None else check_seed(seeds[index]))
 
     differ = tuple(name for name, column in columns.items() if column is not None)
     return tuple(order(i) for i in range(count)), differ

@@ -194,19 +194,17 @@ def check_jobs(jobs: int | None) -> None:
 def play_all(
     task: Task,
     orders: Sequence[Order],
-    first: Machine,
     jobs: int | None = None,
     progress: Callable[[float], None] | None = None,
 ) -> tuple[tuple[Point, ...], str]:
     """Make all runs; the points by index, and 'complete' or 'interrupted'.
 
-    first: one of the machines; jobs: runs at a time (default: as many as there are cores); progress:
-    called with the fraction done.
+    jobs: runs at a time (default: as many as there are cores); progress: called with the fraction done.
     """
     points: list[Point] = []
     status = "complete"
     try:
-        with closing(_playing(task, orders, first, jobs, points)) as playing:
+        with closing(_playing(task, orders, jobs, points)) as playing:
             for _ in playing:
                 if progress:
                     progress(len(points) / len(orders))
@@ -218,7 +216,7 @@ def play_all(
 
 
 def _playing(
-    task: Task, orders: Sequence[Order], first: Machine, jobs: int | None, points: list[Point]
+    task: Task, orders: Sequence[Order], jobs: int | None, points: list[Point]
 ) -> Generator[None, None, None]:
     """Play all orders the quickest way, the points being added to the list; yields now and then."""
     most = jobs or os.cpu_count() or 1

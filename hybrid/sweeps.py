@@ -268,7 +268,7 @@ def sweep(
         )
         for index, value in enumerate(numbers.tolist())
     ]
-    points, status = play_all(task, orders, first, jobs, progress)
+    points, status = play_all(task, orders, jobs, progress)
     return Sweep(patch, over, numbers, points, first, seed, status)
 
 
