@@ -100,8 +100,8 @@ def new_noise(circuit: Circuit, q: int = 8) -> Noise:
 
 @inlined
 def drawn_from(random: np.random.Generator, noise: Noise) -> Noise:
-    """The noise with what it is drawn from: numba takes a millisecond to see what a tuple is that holds
-    such a thing, so it is handed over by itself."""
+    """The noise with what it is drawn from: numba takes half a millisecond to see what a tuple is that
+    holds such a thing, so it is handed over by itself."""
     return Noise(
         noise.truth,
         noise.shelf,
