@@ -1,8 +1,8 @@
 """Linear algebra on one core: BLAS starts threads of its own, for matrices of hundreds of rows.
 
 Stage 0. Those of a run have fewer: threads take a second core and make nothing quicker, most of all
-where runs are played on all cores. And what they add up is in another order, while the bits of a run should not depend
-on how many cores there are.
+where runs are played on all cores. And what they add up is in another order, while the bits of a run
+should not depend on how many cores there are.
 """
 
 from __future__ import annotations
